@@ -1,0 +1,5 @@
+"""`python -m flows` is `physavatar`."""
+
+from flows.cli import main
+
+main()

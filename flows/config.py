@@ -1,0 +1,100 @@
+"""What a user can set: physavatar.toml < environment (PHYSAVATAR_…, `__` between levels) < flags. Unknown names are refused with the nearest one.
+
+    store = "artifacts"                      # where results go
+    data = "data"                            # where recordings lie: <data>/<actor>/<sequence>
+    [body]
+    model = "/models/SMPLX_NEUTRAL.npz"      # instead of the demo body
+    [keypoints]
+    model = "/models/dw-ll_ucoco_384.onnx"   # instead of the bundled detector
+"""
+
+import difflib
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError, create_model
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
+
+from flows.pipeline import STAGES
+from tasks.geometry.faults import BadInput, Fault
+
+CONFIG_FILE = "physavatar.toml"
+
+
+class _Places(BaseSettings):
+    """Where things are; the stages add one table of parameters each."""
+
+    model_config = SettingsConfigDict(env_prefix="PHYSAVATAR_", env_nested_delimiter="__", extra="forbid", frozen=True)
+
+    store: Path = Field(Path("artifacts"), description="folder of the artifact store")
+    data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
+    effects: Path | None = Field(None, description="folder with effects of your own, one file each")
+
+    @classmethod
+    def settings_customise_sources(cls, settings_cls: type, **sources: PydanticBaseSettingsSource) -> tuple:
+        """Flags and TOML come merged as arguments to the constructor; the environment lies between them (see `load`)."""
+        return (sources["init_settings"],)
+
+
+Settings = create_model(
+    "Settings",
+    __base__=_Places,
+    **{name: (stage.parameters, Field(default_factory=stage.parameters)) for name, stage in STAGES.items()},
+)
+
+
+def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Mapping[str, Any] | None = None) -> Any:
+    """The settings in force; `overrides` are flags of the form `stage.parameter=value`, `places` flags such as the store."""
+    file = file or Path(os.environ.get("PHYSAVATAR_CONFIG", CONFIG_FILE))
+    values: dict[str, Any] = _read_toml(file) if file.exists() else {}
+    for source, text in (*_environment(), *((f"--set {flag}", flag) for flag in overrides)):
+        _assign(values, source, text)
+    values |= {name: value for name, value in (places or {}).items() if value is not None}
+    try:
+        return Settings(**values)
+    except ValidationError as error:
+        raise BadInput(_explain(str(file), problem) for problem in error.errors()) from None
+
+
+def _read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput([Fault(str(file), f"it is not valid TOML ({error})", "Mend the line named.")]) from None
+
+
+def _environment() -> list[tuple[str, str]]:
+    prefix = "PHYSAVATAR_"
+    known = {n for n in os.environ if n.startswith(prefix)} - {f"{prefix}CONFIG", f"{prefix}REAL_DATA", f"{prefix}CACHE"}
+    return [(n, n.removeprefix(prefix).lower().replace("__", ".") + "=" + os.environ[n]) for n in sorted(known)]
+
+
+def _assign(values: dict[str, Any], source: str, text: str) -> None:
+    path, separator, value = text.partition("=")
+    if not separator:
+        raise BadInput([Fault(source, "it has no '='", "Write stage.parameter=value.")])
+    *tables, name = path.strip().split(".")
+    for table in tables:
+        values = values.setdefault(table, {})
+    values[name] = _value(value.strip())
+
+
+def _value(text: str) -> Any:
+    """A TOML value where the text is one, else the text itself."""
+    try:
+        return tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _explain(file: str, problem: Any) -> Fault:
+    path = ".".join(str(p) for p in problem["loc"])
+    if problem["type"] != "extra_forbidden":
+        return Fault(f"setting {path}", f"{problem['msg']} (got {problem['input']!r})", f"Correct it in {file}, the environment or the flag.")
+    *tables, name = problem["loc"]
+    known = list((STAGES[str(tables[0])].parameters if tables else Settings).model_fields)
+    near = difflib.get_close_matches(str(name), known, 1)
+    return Fault(f"setting {path}", "there is no such setting", f"Did you mean '{near[0]}'?" if near else f"Known here: {', '.join(known)}.")

@@ -1,0 +1,63 @@
+"""The demo actor: its recording is made on first use, and its results are compared with a truth that no stage can open."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from storage_schemas.appearance import Appearance
+from storage_schemas.body import Body
+from storage_schemas.cloth import Cloth
+from storage_schemas.reference import ArtifactRef
+from storage_schemas.store import Store
+from storage_schemas.tracking import Tracking
+from tasks.exam.scorer.demo import demo_scores
+
+DEMO, SEQUENCE = "demo", "Sequence1"
+TRUTH = "demo.truth"  # the ending closes it to every stage
+COMPARED = ("body", "tracking", "cloth", "appearance")
+
+
+def ensure_demo(data: Path, console: Console) -> None:
+    """Make the demo recording below `data`, or go on with one that was interrupted; returns at once when it is there."""
+    from tasks.capture.demo.recording import make_demo_recording
+
+    cache = Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser()
+    with Progress(console=console, transient=True) as progress:
+        row = progress.add_task("demo recording", total=None)
+
+        def report(what: str, done: int, total: int) -> None:
+            progress.update(row, description=f"demo recording: {what}", completed=done, total=total)
+
+        make_demo_recording(data, data / TRUTH, cache=cache, actor=DEMO, sequence=SEQUENCE, on_progress=report)
+
+
+def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRef]) -> dict[str, Any] | None:
+    """The scorer's figures, once all compared stages have run."""
+    if any(name not in artifacts for name in COMPARED):
+        return None
+    truth = {name: dict(np.load(data / TRUTH / DEMO / SEQUENCE / f"{name}.npz", allow_pickle=False)) for name in ("body", "template")}
+    body, tracking = store.open(artifacts["body"], Body), store.open(artifacts["tracking"], Tracking)
+    cloth, appearance = store.open(artifacts["cloth"], Cloth), store.open(artifacts["appearance"], Appearance)
+    of = {name: _vertices_of(tracking, name) for name in cloth.garment_names}
+    fabrics = {name: dict(np.load(data / TRUTH / DEMO / SEQUENCE / f"{name}.npz", allow_pickle=False)) for name in cloth.garment_names}
+    return demo_scores(
+        joints=(body.joints, truth["body"]["joints"]),
+        vertices=(tracking.vertices, truth["template"]["vertices"]),
+        garment=of,
+        fabric=cloth.parameters,
+        true_fabric={
+            name: {"kappa_s_over_rho": float(f["membrane"] / f["density"]), "kappa_b_over_rho": float(f["bending"] / f["density"])}
+            for name, f in fabrics.items()
+        },
+        psnr=appearance.psnr,
+    )
+
+
+def _vertices_of(tracking: Tracking, garment: str) -> np.ndarray:
+    of = np.zeros(tracking.vertices.shape[1], bool)
+    of[tracking.faces[tracking.part_of_face == tracking.part_names.index(garment)]] = True
+    return of

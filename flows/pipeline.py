@@ -1,0 +1,46 @@
+"""The order of the stages, and nothing else. What running a stage means (compute, plan, dispatch) is the caller's business."""
+
+from typing import Any, Protocol
+
+from storage_schemas.reference import ArtifactRef
+from tasks.appearance.stage import appearance
+from tasks.body.stage import body
+from tasks.capture.stage import capture
+from tasks.cloth.stage import cloth
+from tasks.gap.stage import gap
+from tasks.keypoints.stage import keypoints
+from tasks.report.stage import report
+from tasks.skinning.stage import skinning
+from tasks.stage import Stage
+from tasks.tracking.stage import tracking
+
+STAGES: dict[str, Stage] = {s.name: s for s in (capture, keypoints, body, tracking, skinning, cloth, appearance, gap, report)}
+
+
+class Run(Protocol):
+    """Brings one stage about and returns the reference of its artifact, or None while that cannot be known yet."""
+
+    def __call__(self, stage: Stage, **inputs: ArtifactRef | None) -> ArtifactRef | None: ...
+
+
+def pipeline(run: Run) -> Any:
+    """From a recording to an avatar and a report on where its physics differs from the recording."""
+    recording = run(capture)
+    points = run(keypoints, capture=recording)
+    person = run(body, capture=recording, keypoints=points)
+    surface = run(tracking, capture=recording, body=person)
+    skin = run(skinning, body=person, tracking=surface)
+    garments = run(cloth, capture=recording, body=person, tracking=surface, skinning=skin)
+    texture = run(appearance, capture=recording, body=person, tracking=surface)
+    difference = run(gap, capture=recording, tracking=surface, body=person, cloth=garments)
+    return run(
+        report,
+        capture=recording,
+        keypoints=points,
+        body=person,
+        tracking=surface,
+        skinning=skin,
+        cloth=garments,
+        appearance=texture,
+        gap=difference,
+    )

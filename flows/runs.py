@@ -1,0 +1,133 @@
+"""Records of runs on this machine: one JSON and one log per run below <store>/.runs, written while it goes on, read by status and logs."""
+
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+WRITE_EVERY_S = 1.0
+
+
+@dataclass
+class RunRecord:
+    """One run as it goes. `listen` is told of every change (the progress bars); the file is written at most once a second."""
+
+    root: Path
+    actor: str
+    sequence: str
+    listen: Callable[["RunRecord"], None] = lambda record: None
+    id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{os.getpid()}")
+    state: str = "running"
+    pid: int = field(default_factory=os.getpid)
+    host: str = field(default_factory=socket.gethostname)
+    started: float = field(default_factory=time.time)
+    ended: float | None = None
+    stages: dict[str, dict[str, Any]] = field(default_factory=dict)
+    error: str | None = None
+    _written: float = 0.0
+
+    @property
+    def file(self) -> Path:
+        """Where this record lies."""
+        return self.root / ".runs" / f"{self.id}.json"
+
+    @property
+    def log(self) -> Path:
+        """Where this run's messages lie."""
+        return self.file.with_suffix(".log")
+
+    @contextmanager
+    def stage(self, name: str, key: str) -> Iterator["StageReport"]:
+        """Follow one stage; an exception marks it failed and goes on."""
+        entry = self.stages[name] = {"state": "running", "key": key, "fraction": 0.0, "text": "", "started": time.time(), "warnings": []}
+        self.say(f"{name}: started ({key[:12]})")
+        try:
+            yield StageReport(self, name, entry)
+        except BaseException as error:
+            entry["state"] = "failed"
+            self.say(f"{name}: failed: {type(error).__name__}: {error}")
+            raise
+
+    def end(self, state: str, error: str | None = None) -> None:
+        """completed, failed, cancelled, refused or timed out."""
+        self.state, self.error, self.ended = state, error, time.time()
+        self.say(f"run {state}" + (f": {error}" if error else ""))
+
+    def say(self, text: str) -> None:
+        """One line into the log, and the record to disk."""
+        self.log.parent.mkdir(parents=True, exist_ok=True)
+        with self.log.open("a") as log:
+            log.write(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} {text}\n")
+        self.write()
+
+    def write(self, *, at_most_every: float = 0.0) -> None:
+        """Put the record on disk, whole or not at all."""
+        self.listen(self)
+        if time.time() - self._written < at_most_every:
+            return
+        self._written = time.time()
+        aside = self.file.with_suffix(f".{os.getpid()}.tmp")
+        aside.write_text(json.dumps(self.as_json()))
+        aside.replace(self.file)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything but the listener."""
+        names = ("id", "actor", "sequence", "state", "pid", "host", "started", "ended", "stages", "error")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What a running stage tells about itself."""
+
+    run: RunRecord
+    name: str
+    entry: dict[str, Any]
+
+    def progress(self, fraction: float, text: str) -> None:
+        """How far the stage is, 0 to 1, and with what."""
+        self.entry.update(fraction=float(fraction), text=text)
+        self.run.write(at_most_every=WRITE_EVERY_S)
+
+    def warn(self, text: str) -> None:
+        """Something the user should know that does not stop the stage."""
+        self.entry["warnings"].append(text)
+        self.run.say(f"{self.name}: warning: {text}")
+
+    def done(self, *, cached: bool, seconds: float) -> None:
+        """The stage has its artifact."""
+        self.entry.update(state="cached" if cached else "completed", fraction=1.0, text="", seconds=seconds)
+        self.run.say(f"{self.name}: " + ("in the store" if cached else f"done in {seconds:.1f} s"))
+
+
+def list_runs(root: Path) -> list[dict[str, Any]]:
+    """All runs of this store, newest first; one whose process is gone without an ending is shown as died."""
+    found = []
+    for file in sorted((root / ".runs").glob("*.json"), reverse=True):
+        run = json.loads(file.read_text())
+        if run["state"] == "running" and run["host"] == socket.gethostname() and not _alive(run["pid"]):
+            run["state"] = "died"
+        found.append(run)
+    return found
+
+
+def find_run(root: Path, run_id: str | None) -> dict[str, Any] | None:
+    """The run of this id (or its beginning), or the newest."""
+    runs = list_runs(root)
+    return next((r for r in runs if run_id is None or r["id"].startswith(run_id)), None)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

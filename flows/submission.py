@@ -1,0 +1,118 @@
+"""From the words of the command line to a run: resolve, check everything that can be checked, run, and tell how it ended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from flows.actor import Request, run_actor
+from flows.config import load
+from flows.demo import DEMO, compare_with_truth, ensure_demo
+from flows.endings import Refused, ending_of, state_of
+from flows.pipeline import STAGES
+from flows.progress import bars
+from flows.runs import RunRecord
+from storage_schemas.reference import validate_name
+from storage_schemas.reference import ArtifactRef
+from storage_schemas.store import Store
+from tasks.geometry.faults import BadInput, Fault
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run that went through: its artifacts and where the report lies."""
+
+    record: RunRecord
+    artifacts: dict[str, ArtifactRef]
+    report: Path | None
+    scores: dict[str, Any] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """What --json prints."""
+        run = self.record.as_json()
+        return {
+            "run": run["id"],
+            "state": run["state"],
+            "stages": run["stages"],
+            "artifacts": {n: r.model_dump(mode="json") for n, r in self.artifacts.items()},
+            "report": str(self.report) if self.report else None,
+            "scores": self.scores,
+        }
+
+    def show(self, console: Console) -> None:
+        """What a person wants to see at the end."""
+        computed = [n for n, s in self.record.stages.items() if s["state"] == "completed"]
+        console.print(f"computed: {', '.join(computed) or 'nothing, all was in the store'}", highlight=False)
+        for name, value in (self.scores or {}).items():
+            console.print(f"  {name}: {value}", highlight=False)
+        if self.report:
+            console.print(f"report: {self.report}", highlight=False, soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class Submission:
+    """One request, ready to run or to plan."""
+
+    request: Request
+    store: Store
+    console: Console
+
+    @classmethod
+    def prepare(cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | None, console: Console) -> "Submission":
+        """Resolve names and settings; refuses what cannot be, before any work."""
+        validate_name(actor, "actor")
+        if until not in STAGES:
+            raise Refused(f"there is no stage {until!r}; the stages are {', '.join(STAGES)}")
+        settings = load(overrides, places={"store": store})
+        if actor == DEMO:
+            ensure_demo(Path(settings.data), console)
+        sequence, recording = _find_recording(Path(settings.data), actor, sequence)
+        if settings.capture.recording is None:
+            settings = load([*overrides, f"capture.recording={recording}"], places={"store": store})
+        opened = Store(settings.store)
+        scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
+        return cls(Request(actor, sequence, settings, until, scores), opened, console)
+
+    def run(self) -> Ended:
+        """Run to the end; the run record keeps how it ended, whatever happens."""
+        record = RunRecord(self.store.root, self.request.actor, self.request.sequence)
+        try:
+            with bars(record, self.console):
+                artifacts = run_actor(self.request, self.store, record)
+        except BaseException as error:
+            record.end(state_of(error), ending_of(error)[1].splitlines()[0] if ending_of(error)[1] else None)
+            raise
+        record.end("completed")
+        report = self.store.folder(artifacts["report"]) / "files" / "report.html" if "report" in artifacts else None
+        return Ended(record, artifacts, report, self.request.scores(artifacts))
+
+    def forget_from(self, stage: str) -> None:
+        """Set aside the artifacts that this request would find for `stage` and all after it, so that they are computed anew."""
+        from flows.actor import plan_actor
+
+        if stage not in STAGES:
+            raise Refused(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}")
+        after = list(STAGES)[list(STAGES).index(stage) :]
+        for planned in plan_actor(self.request, self.store):
+            if planned.cached and planned.stage in after:
+                self.store.remove(self.request.actor, self.request.sequence, planned.stage, planned.key)
+
+
+def _find_recording(data: Path, actor: str, sequence: str | None) -> tuple[str, Path]:
+    folder = data / actor
+    if not folder.is_dir():
+        known = sorted(p.name for p in data.glob("*") if p.is_dir() and not p.name.endswith(".truth")) if data.is_dir() else []
+        remedy = f"Known there: {', '.join(known)}." if known else "Put recordings below it as <actor>/<sequence>, or set `data`; `demo` is made on first use."
+        raise BadInput([Fault(str(folder), "there is no such actor", remedy)])
+    known = sorted(p.name for p in folder.iterdir() if p.is_dir())
+    if sequence is None and len(known) == 1:
+        sequence = known[0]
+    if sequence is None:
+        raise BadInput([Fault(str(folder), f"it has {len(known)} sequences: {', '.join(known) or 'none'}", "Name one with --sequence.")])
+    validate_name(sequence, "sequence")
+    if sequence not in known:
+        raise BadInput([Fault(str(folder / sequence), "there is no such sequence", f"Known there: {', '.join(known) or 'none'}.")])
+    return sequence, folder / sequence

@@ -1,0 +1,1 @@
+"""What is written to disk, and nothing else. The only importer of zarr."""

@@ -1,0 +1,58 @@
+"""Publishing: an artifact appears whole, once, or not at all.
+
+Written aside under a lease of its own, forced to the disk, then moved by a rename that never replaces. Whoever loses the
+race throws its copy away. A kill -9 leaves at most a folder `.tmp-…` whose lease is dead, for the sweep to remove.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+from storage_schemas.artifact import write_artifact
+from storage_schemas.durable import make_folders, remove_tree, rename_folder, sync_tree
+from storage_schemas.faults import Corrupt
+from storage_schemas.layout import artifact_folder, aside_lease_file, checkpoint_folder, lease_file, new_aside, stage_folder
+from storage_schemas.lease import hold
+from storage_schemas.manifest import Manifest
+from storage_schemas.provenance import Provenance
+from storage_schemas.record import Record
+from storage_schemas.reference import Address
+
+WRITER_SECONDS = 60.0
+
+
+def publish(root: Path, record: Record, provenance: Provenance, address: Address) -> str:
+    """The digest of the artifact now at `address`: ours, or a sound one that was there before us."""
+    stage, target = stage_folder(root, address), artifact_folder(root, address)
+    make_folders(stage)
+    aside = new_aside(stage, address.key[:16])
+    with hold(aside_lease_file(aside), seconds=WRITER_SECONDS):
+        try:
+            write_artifact(record, provenance, aside)
+            sync_tree(aside)
+            while not rename_folder(aside, target) and present_digest(target) is None:
+                _set_damaged_aside(stage, target)
+        finally:
+            remove_tree(aside)
+    remove_tree(checkpoint_folder(root, address))
+    return Manifest.read(target)[1]
+
+
+def present_digest(target: Path) -> str | None:
+    """The digest of the artifact in `target` if it is there with every file at its size."""
+    try:
+        manifest, digest = Manifest.read(target)
+    except Corrupt:
+        return None
+    return None if manifest.size_faults(target) else digest
+
+
+def _set_damaged_aside(stage: Path, target: Path) -> None:
+    """Two may find the damage at once; under the lease the second sees that the first has mended it."""
+    with hold(lease_file(stage, f"mend-{target.name}"), seconds=WRITER_SECONDS, wait=WRITER_SECONDS):
+        if present_digest(target) is None:
+            damaged = new_aside(stage, "damaged")
+            with contextlib.suppress(FileNotFoundError):
+                target.rename(damaged)
+            remove_tree(damaged)

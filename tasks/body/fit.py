@@ -1,0 +1,160 @@
+"""SMPL-X fitted to keypoints in many views: equations 1-3 of the PhysAvatar supplement (A.1).
+
+    L = λ_b Σ d(body) + λ_h Σ d(hands) + λ_m‖m_h‖² + λ_l‖θ_b‖² + λ_f‖θ_f‖² + λ_β‖β‖² + λ_ψ‖ψ‖²
+
+One shape for the whole sequence, fitted jointly on a few frames and then frozen; every frame starts from the one before it, the first from
+triangulated points. Terms in `objective.py`, image distance in `reprojection.py`, decisions in README.md.
+Limits: θ_b is the axis-angle pose drawn to the rest pose, not a VPoser latent (its licence forbids shipping it): what no camera sees tends
+to rest. Twist of a limb about its axis is only seen through the next joint. One person, metric cameras, no contact with the ground, no
+smoothing over time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.body.initial_pose import initial_pose, robust_points
+from tasks.body.keypoint_body import keypoint_body
+from tasks.body.levenberg_marquardt import Minimum, minimise
+from tasks.body.model import JOINTS, Array, BodyModel
+from tasks.body.objective import FitWeights, Objective
+from tasks.body.reprojection import Sight
+from tasks.body.wholebody import NAMES, keypoints133
+from tasks.geometry.cameras import Cameras, project
+from tasks.geometry.faults import Fault, refuse
+
+SHAPE_FRAMES = 5
+SUPPLEMENT = FitWeights()
+LOST = 0.02  # of the image's long side: median error from which a frame is fitted again from its own triangulated points
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """pose [frame,55,3] rad; shape [S]; expression [frame,E]; translation [frame,3] m; vertices [frame,V,3] and joints [frame,55,3] m;
+    transforms [frame,55,4,4] from rest to world; reprojection_px [frame,camera,133] (NaN where nothing was detected); converged [frame];
+    `ending` says how the fit went. scale multiplies everything after translation, as in PhysAvatar's released fits; metric cameras leave it at 1."""
+
+    pose: Array
+    shape: Array
+    expression: Array
+    translation: Array
+    scale: float
+    vertices: Array
+    joints: Array
+    transforms: Array
+    reprojection_px: Array
+    converged: NDArray[np.bool_]
+    ending: str
+
+
+def fit_sequence(
+    model: BodyModel, cameras: Cameras, keypoints: Array, scores: Array, *, weights: FitWeights = SUPPLEMENT, shape: Array | None = None
+) -> BodyMotion:
+    """Fit all frames. keypoints [frame,camera,133,2] px (NaN: not detected), scores [frame,camera,133] ≥ 0; a known shape [S] is kept.
+
+    Raises BadInput when arrays and rig do not match, or nothing is seen by two cameras.
+    """
+    refuse(_faults(cameras, keypoints, scores))
+    objective = Objective.of(model, weights)
+    sights = [objective.sight(cameras, uv, score) for uv, score in zip(keypoints, scores, strict=True)]
+
+    def afresh(frame: int) -> Array:
+        seen = robust_points(cameras, keypoints[frame], np.where(np.isfinite(keypoints[frame]).all(axis=-1), scores[frame], 0.0))
+        return objective.start(*initial_pose(*_rest(model), seen))
+
+    fresh = {}
+    if shape is None:
+        fresh = {frame: afresh(frame) for frame in _spread(sights)}
+        shape, fresh = _shared_shape(objective, sights, fresh)
+    frozen, minima = objective.frozen(shape), []
+    for frame, sight in enumerate(sights):
+        z = frozen.short_way(minima[-1].z) if minima else fresh.get(frame, afresh(frame))
+        minima.append(_fit_frame(frozen, sight, z, lambda frame=frame: afresh(frame)))
+    return _motion(model, frozen, cameras, keypoints, shape, minima)
+
+
+def _shared_shape(objective: Objective, sights: list[Sight], starts: dict[int, Array]) -> tuple[Array, dict[int, Array]]:
+    """β [S] fitted jointly on some frames from their starts {frame: z}, and what those frames' unknowns came to."""
+    S, n = objective.shapes, len(objective.prior)
+    parts = {frame: S + i * n + np.arange(n) for i, frame in enumerate(starts)}
+
+    def energy(u: Array) -> float:
+        return sum(objective.energy(sights[frame], u[part], u[:S]) for frame, part in parts.items())
+
+    def expand(u: Array) -> tuple[float, Array, Array]:
+        E, g, H = 0.0, np.zeros_like(u), np.zeros((len(u), len(u)))
+        for frame, part in parts.items():
+            at = np.append(np.arange(S), part)
+            E_1, g_1, H_1 = objective.expand(sights[frame], u[part], u[:S])
+            E, g[at], H[np.ix_(at, at)] = E + E_1, g[at] + g_1, H[np.ix_(at, at)] + H_1
+        return E, g, H
+
+    best = minimise(expand, energy, np.concatenate([np.zeros(S), *starts.values()]))
+    return best.z[:S], {frame: best.z[part] for frame, part in parts.items()}
+
+
+def _fit_frame(objective: Objective, sight: Sight, z: Array, afresh: Callable[[], Array]) -> Minimum:
+    if not sight.trust.any():
+        return Minimum(z, 0.0, 0, False, "nothing was seen: pose of the frame before")
+    best = _descend(objective, sight, z)
+    if sight.median_error(objective.points(best.z)) > LOST:
+        best = min(best, _descend(objective, sight, afresh()), key=lambda minimum: minimum.energy)
+    return best
+
+
+def _descend(objective: Objective, sight: Sight, z: Array) -> Minimum:
+    return minimise(lambda z: objective.expand(sight, z), lambda z: objective.energy(sight, z), z)
+
+
+def _spread(sights: list[Sight]) -> list[int]:
+    """Some frames spread evenly over those in which anything is seen."""
+    seen = [frame for frame, sight in enumerate(sights) if sight.trust.any()]
+    return sorted({seen[i] for i in np.linspace(0, len(seen) - 1, SHAPE_FRAMES).round().astype(int)})
+
+
+def _rest(model: BodyModel) -> tuple[Array, Array]:
+    body = keypoint_body(model)
+    return body.at(np.zeros(body.joints_by_shape.shape[2]), np.zeros((JOINTS, 3)), np.zeros(3)).p, body.joints
+
+
+def _motion(model: BodyModel, objective: Objective, cameras: Cameras, keypoints: Array, shape: Array, minima: list[Minimum]) -> BodyMotion:
+    pose = np.array([objective.pose(minimum.z) for minimum in minima])
+    expression = np.zeros((len(minima), model.expression_directions.shape[2]))
+    if objective.expression(minima[0].z).size:
+        expression = np.array([objective.expression(minimum.z) for minimum in minima])
+    translation = np.array([minimum.z[:3] for minimum in minima])
+    posed = [model.pose(shape, *frame) for frame in zip(expression, pose, translation, strict=True)]  # all at once would need gigabytes
+    vertices, joints, transforms = (np.array([getattr(frame, name) for frame in posed]) for name in ("vertices", "joints", "transforms"))
+    uv = np.moveaxis(project(cameras, keypoints133(model, vertices, joints))[0], 0, 1)
+    return BodyMotion(
+        pose, shape, expression, translation, 1.0, vertices, joints, transforms,
+        reprojection_px=np.linalg.norm(uv - keypoints, axis=-1),
+        converged=np.array([minimum.converged for minimum in minima]),
+        ending=_ending(minima),
+    )  # fmt: skip
+
+
+def _ending(minima: list[Minimum]) -> str:
+    steps = sum(minimum.steps for minimum in minima)
+    summary = f"{sum(minimum.converged for minimum in minima)} of {len(minima)} frames converged, {steps / len(minima):.1f} steps per frame"
+    return "; ".join([summary, *(f"frame {i}: {minimum.ending}" for i, minimum in enumerate(minima) if not minimum.converged)])
+
+
+def _faults(cameras: Cameras, keypoints: Array, scores: Array) -> list[Fault]:
+    expected = (len(cameras), len(NAMES))
+    if keypoints.shape[1:] != (*expected, 2) or scores.shape != keypoints.shape[:3]:
+        found = f"keypoints {keypoints.shape}, scores {scores.shape}"
+        return [Fault("keypoints", found, f"Expected [frame, {expected[0]}, {expected[1]}, 2] and [frame, {expected[0]}, {expected[1]}].")]
+    faults = []
+    if not (scores >= 0).all():
+        faults.append(
+            Fault("scores", f"{int((~(scores >= 0)).sum())} values are negative or NaN", "Use 0 for points that were not detected.")
+        )
+    seen = np.isfinite(keypoints).all(axis=-1) & (scores > 0)
+    if not (seen.sum(axis=1) >= 2).any():
+        faults.append(
+            Fault("keypoints", "no point is seen by two cameras", "Check detection, and that cameras and keypoints are in the same order.")
+        )
+    return faults

@@ -1,0 +1,56 @@
+"""The door of body: the parametric body that explains the keypoints of all cameras and frames."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from storage_schemas.body import Body
+from storage_schemas.capture import Capture
+from storage_schemas.keypoints import Keypoints
+from tasks.body.anny_body import build_demo_body
+from tasks.body.fit import FitWeights, fit_sequence
+from tasks.body.model import BodyModel
+from tasks.recorded import cameras_of
+from tasks.stage import Job, ModelFile, Parameters, content_digest, stage
+
+
+class BodyParameters(Parameters):
+    """model: an SMPL-X file (SMPLX_NEUTRAL.npz); without one the licence-free demo body is used. Weights as in the seed's equations 2 and 3."""
+
+    model: ModelFile = None
+    body_weight: float = 1e-3
+    hand_weight: float = 1e-3
+    face_weight: float = 0.0
+
+
+def demo_body() -> Path:
+    """The licence-free body, built on first use into the cache (PHYSAVATAR_CACHE, default ~/.cache/physavatar)."""
+    return build_demo_body(Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser())
+
+
+@stage("body", version=1, pool="vision", timeout_s=4 * 3600)
+def body(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParameters) -> Body:
+    """Fit shape and motion."""
+    path = Path(parameters.model) if parameters.model else demo_body()
+    model = BodyModel.load(path)
+    weights = FitWeights(body=parameters.body_weight, hand=parameters.hand_weight, face=parameters.face_weight)
+    job.progress(0.02, "shared shape")
+    found = fit_sequence(model, cameras_of(capture), keypoints.keypoints.astype(float), keypoints.score.astype(float), weights=weights)
+    posed = model.pose(found.shape, found.expression, found.pose, found.translation)
+    return Body(
+        pose=found.pose.astype(np.float32),
+        shape=found.shape.astype(np.float32),
+        expression=found.expression.astype(np.float32),
+        translation=found.translation.astype(np.float32),
+        vertices=found.vertices.astype(np.float32),
+        joints=found.joints.astype(np.float32),
+        transforms=posed.transforms.astype(np.float32),
+        faces=model.faces,
+        weights=model.weights.astype(np.float32),
+        reprojection_px=found.reprojection_px.astype(np.float32),
+        scale=float(found.scale),
+        model=path.name,
+        model_sha256=content_digest(path),
+        ending=found.ending,
+    )

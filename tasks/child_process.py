@@ -1,0 +1,111 @@
+"""Long native computations in child processes: each in a process group of its own, with a wall-clock limit, dead when its parent dies.
+
+A thread's timeout cannot stop a solver that sits in compiled code; killing its process group can. Results and messages come back through a
+pipe to the parent that started the child, never through files.
+"""
+
+import ctypes
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+PR_SET_PDEATHSIG = 1
+
+
+class ChildFailed(RuntimeError):
+    """A child that ended without a result; the text says how."""
+
+
+class ChildTimedOut(TimeoutError):
+    """A child that was still running at its limit and was killed."""
+
+
+def run_in_children(
+    function: Callable[..., Any],
+    arguments: Sequence[tuple],
+    *,
+    limit_s: float,
+    at_once: int = 2,
+    on_message: Callable[[int, Any], None] = lambda index, message: None,
+) -> list[Any]:
+    """function(*arguments[i], tell) for every i, `at_once` at a time; what the child passes to `tell` reaches `on_message(i, …)`.
+
+    Raises ChildFailed or ChildTimedOut; no child outlives the call. Exceptions of the function are raised here with their own type.
+    """
+    results: list[Any] = [None] * len(arguments)
+    waiting, running = list(range(len(arguments))), {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < at_once:
+                index = waiting.pop(0)
+                running[index] = _Child(function, arguments[index], limit_s)
+            for index, child in list(running.items()):
+                if child.poll(lambda message, index=index: on_message(index, message)):
+                    results[index] = running.pop(index).result()
+            wait([child.receive for child in running.values()], timeout=0.2)
+    finally:
+        for child in running.values():
+            child.kill()
+    return results
+
+
+class _Child:
+    def __init__(self, function: Callable[..., Any], arguments: tuple, limit_s: float) -> None:
+        context = get_context("spawn")
+        self.receive, send = context.Pipe(duplex=False)
+        self.process = context.Process(target=_work, args=(send, os.getpid(), function, arguments), daemon=False)
+        self.process.start()
+        send.close()
+        self.limit_s, self.deadline = limit_s, time.monotonic() + limit_s
+        self.outcome: tuple[str, Any] | None = None
+
+    def poll(self, tell: Callable[[Any], None]) -> bool:
+        """Take what has come; True when the child has ended."""
+        try:
+            while self.receive.poll():
+                kind, value = self.receive.recv()
+                if kind == "message":
+                    tell(value)
+                else:
+                    self.outcome = kind, value
+        except EOFError:
+            self.process.join()
+            return True
+        if time.monotonic() > self.deadline:
+            self.kill()
+            raise ChildTimedOut(f"still running after {self.limit_s:.0f} s")
+        return False
+
+    def result(self) -> Any:
+        if self.outcome is None:
+            code = self.process.exitcode
+            how = f"signal {signal.Signals(-code).name}" if code and code < 0 else f"exit code {code}"
+            raise ChildFailed(f"the computation ended by {how} before it had a result")
+        kind, value = self.outcome
+        if kind == "error":
+            raise value
+        return value
+
+    def kill(self) -> None:
+        try:
+            os.killpg(self.process.pid, signal.SIGKILL)
+        except (ProcessLookupError, PermissionError):
+            self.process.kill()  # it had not yet made its own group
+        self.process.join()
+
+
+def _work(send: Connection, parent: int, function: Callable[..., Any], arguments: tuple) -> None:
+    os.setsid()
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # the parent died between fork and prctl
+        os._exit(1)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        send.send(("result", function(*arguments, lambda message: send.send(("message", message)))))
+    except Exception as error:  # noqa: BLE001  every failure is the parent's to judge
+        send.send(("error", error))
+    send.close()

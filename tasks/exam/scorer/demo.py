@@ -1,0 +1,46 @@
+"""The demo's answers against its truth. Arrays in, figures out; the only reader of the truth calls this, after the stages are done."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BODY_JOINTS = slice(0, 22)  # pelvis to wrists
+
+
+def mean_joint_error_mm(found: Array, truth: Array) -> float:
+    """Mean distance [mm] of the 22 body joints; found and truth [frame, 55, 3] m."""
+    return float(1e3 * np.linalg.norm(found[:, BODY_JOINTS] - truth[:, BODY_JOINTS], axis=-1).mean())
+
+
+def vertex_rmse_mm(found: Array, truth: Array, *, of: NDArray[np.bool_]) -> float:
+    """Root mean square distance [mm] of the vertices `of` [V]; found and truth [frame, V, 3] m."""
+    return float(1e3 * np.sqrt(np.mean(np.sum((found[:, of] - truth[:, of]) ** 2, -1))))
+
+
+def ratio(estimate: Mapping[str, Any], truth: float) -> float | None:
+    """Estimate over truth, None where there is no estimate."""
+    return None if estimate["value"] is None else float(estimate["value"] / truth)
+
+
+def demo_scores(
+    *,
+    joints: tuple[Array, Array],
+    vertices: tuple[Array, Array],
+    garment: Mapping[str, NDArray[np.bool_]],
+    fabric: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    true_fabric: Mapping[str, Mapping[str, float]],
+    psnr: Array,
+) -> dict[str, dict[str, Any]]:
+    """All figures of the report's section on the truth; pairs are (found, truth), `garment` marks each garment's vertices [V]."""
+    scores = {"mean joint error": {"value": mean_joint_error_mm(*joints), "unit": "mm"}}
+    for name, of in garment.items():
+        scores[f"{name}: tracked vertices, rms error"] = {"value": vertex_rmse_mm(*vertices, of=of), "unit": "mm"}
+    for name, found in fabric.items():
+        for parameter, estimate in found.items():
+            scores[f"{name}: {parameter}, estimate/truth"] = {"value": ratio(estimate, true_fabric[name][parameter]), "unit": "1"}
+    if np.isfinite(psnr).any():
+        scores["image likeness, mean PSNR"] = {"value": float(np.nanmean(psnr)), "unit": "dB"}
+    return scores

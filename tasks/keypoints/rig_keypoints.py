@@ -1,0 +1,98 @@
+"""One person's keypoints through a recording, by all cameras together.
+
+With masks each view stands alone. Without, the box of a view is drawn around the keypoints of the frame before, and a view whose
+keypoints disagree with the others in space (another figure, a lost box) is looked at again where the others say the person is:
+
+    x_k = argmin Σ_c w_ck ρ(|π_c(x_k) − u_ck|),   ρ Cauchy's with scale σ;     a view disagrees when its median |π_c(x) − u_c| > limit
+
+Limits: one person; without masks the person must move for the first frame's boxes (see `person_box`); at least three views are needed to
+tell which one is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tasks.geometry.cameras import Cameras, project, triangulate
+from tasks.keypoints.detector import Detections, Detector
+from tasks.keypoints.person_box import box_from_keypoints, moving_boxes, same_person, temporal_median
+
+BODY = slice(0, 23)
+CAUCHY_SCALE = 0.02  # of the box's diagonal
+DISAGREEMENT = 0.12  # of the box's diagonal: half a shoulder's width, beyond a bad joint, short of another person
+
+
+@dataclass(frozen=True)
+class RigKeypoints:
+    """uv [frame,camera,133,2] px of the original pictures, score [frame,camera,133]; box [frame,camera,4] px that was looked at."""
+
+    uv: np.ndarray
+    score: np.ndarray
+    box: np.ndarray
+
+
+def follow_masks(detector: Detector, frames: Iterable[tuple[list[np.ndarray], list[np.ndarray]]]) -> RigKeypoints:
+    """Keypoints of every frame; `frames` yields (pictures, masks), one of each per camera."""
+    found = []
+    for images, masks in frames:
+        found.append((detector.detect(images, masks=masks), np.full((len(images), 4), np.nan)))
+    return _stacked(found)
+
+
+def follow_motion(detector: Detector, cameras: Cameras, frames: Iterable[list[np.ndarray]], boxes: np.ndarray) -> RigKeypoints:
+    """Keypoints of every frame without masks, from first boxes [camera,4]; `frames` yields the pictures of all cameras."""
+    found: list[tuple[Detections, np.ndarray]] = []
+    for images in frames:
+        detections = detector.detect(images, boxes=boxes, refine=0 if found else 2)
+        mended = agreed_boxes(cameras, detections, boxes)
+        again = np.flatnonzero((mended != boxes).any(1) & np.isfinite(mended).all(1))
+        if len(again):
+            second = detector.detect([images[c] for c in again], boxes=mended[again], refine=1)
+            detections.uv[again], detections.score[again] = second.uv, second.score
+        found.append((detections, mended))
+        boxes = np.stack([box_from_keypoints(uv, s, fallback=box) for uv, s, box in zip(detections.uv, detections.score, mended)])
+    return _stacked(found)
+
+
+def first_boxes(cameras: Cameras, frames: list[list[np.ndarray]], *, at: int = 0) -> np.ndarray:
+    """Boxes [camera,4] of the moving person in frame `at` of a clip, `frames[frame][camera]` RGB; NaN where no view shows one.
+
+    A sparse sample of the clip, spread over all of it, is enough.
+    """
+    candidates = []
+    for camera in range(len(cameras)):
+        view = [images[camera] for images in frames]
+        candidates.append(moving_boxes([view[at]], temporal_median(view))[0])
+    return same_person(cameras, candidates)
+
+
+def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale: float, rounds: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Points x [point,3] m of keypoints uv [camera,point,2] px with scores [camera,point], and residuals [camera,point] px, so that single
+    views that are wrong by more than `scale` [px] count for little."""
+    weight = np.where(np.isfinite(uv).all(-1), score, 0.0)
+    for _ in range(rounds):
+        x, residual = triangulate(cameras, uv, weight)
+        weight = np.where(np.isfinite(residual), score / (1 + (residual / scale) ** 2), 0.0)
+    return x, residual
+
+
+def agreed_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
+    """`boxes` [camera,4], with those replaced whose body keypoints disagree with what the other views say, or that are NaN."""
+    diagonal = np.nanmedian(np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1))
+    x, residual = agreed_points(cameras, found.uv[:, BODY], found.score[:, BODY], scale=CAUCHY_SCALE * diagonal)
+    with np.errstate(invalid="ignore"):
+        misfit = np.array([np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.inf for r in residual])
+    mended = boxes.copy()
+    seen = np.isfinite(x).all(1)
+    if seen.sum() >= 6 and (misfit <= DISAGREEMENT * diagonal).sum() >= 2:
+        uv, _ = project(cameras, x)
+        for camera in np.flatnonzero(misfit > DISAGREEMENT * diagonal):
+            mended[camera] = box_from_keypoints(uv[camera], seen.astype(float), fallback=boxes[camera])
+    return mended
+
+
+def _stacked(found: list[tuple[Detections, np.ndarray]]) -> RigKeypoints:
+    return RigKeypoints(*(np.stack(part) for part in zip(*((d.uv, d.score, box) for d, box in found))))

@@ -1,0 +1,72 @@
+"""The door of keypoints: find the 133 points of COCO-WholeBody in every picture."""
+
+from pathlib import Path
+
+import numpy as np
+
+from storage_schemas.capture import Capture
+from storage_schemas.keypoints import Keypoints
+from tasks.capture.recording import Recording
+from tasks.geometry.faults import BadInput, Fault
+from tasks.keypoints.detector import BUNDLED, Detector
+from tasks.keypoints.keypoint_files import read_keypoints
+from tasks.keypoints.rig_keypoints import RigKeypoints, first_boxes, follow_masks, follow_motion
+from tasks.recorded import recorded
+from tasks.stage import Folder, Job, ModelFile, Parameters, content_digest, stage
+
+GLIMPSES = 12  # pictures per camera from which the moving person is told from the background
+
+
+class KeypointsParameters(Parameters):
+    """model: a DWPose, RTMW or RTMPose ONNX file; by default the bundled detector, trained on synthetic people. file: keypoints found elsewhere."""
+
+    model: ModelFile = BUNDLED
+    file: Folder = None
+
+
+@stage("keypoints", version=1, pool="vision", timeout_s=4 * 3600)
+def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Keypoints:
+    """Detect in all frames and cameras, or read what was detected elsewhere."""
+    recording = recorded(capture, job.recording)
+    if parameters.file is not None:
+        return _read(Path(parameters.file), recording)
+    model = Path(parameters.model)
+    found = _follow(Detector.load(model), recording, job)
+    return Keypoints(
+        keypoints=found.uv.astype(np.float32),
+        score=found.score.astype(np.float32),
+        boxes=found.box.astype(np.float32),
+        camera_names=recording.cameras.names,
+        detector=model.name,
+        detector_sha256=content_digest(model),
+    )
+
+
+def _follow(detector: Detector, recording: Recording, job: Job) -> RigKeypoints:
+    cameras, count = range(len(recording.cameras)), len(recording.frames)
+
+    def pictures(frame: int) -> list[np.ndarray]:
+        job.progress((frame + 1) / count, f"frame {frame + 1} of {count}")
+        return [recording.read_rgb(camera, frame) for camera in cameras]
+
+    if recording.mask is not None:
+        return follow_masks(detector, ((pictures(t), [recording.read_mask(camera, t) for camera in cameras]) for t in range(count)))
+    spread = sorted({0, *np.linspace(0, count - 1, GLIMPSES).astype(int).tolist()})
+    boxes = first_boxes(recording.cameras, [[recording.read_rgb(camera, t) for camera in cameras] for t in spread])
+    return follow_motion(detector, recording.cameras, (pictures(t) for t in range(count)), boxes)
+
+
+def _read(path: Path, recording: Recording) -> Keypoints:
+    uv, score = read_keypoints(path, recording.cameras.names)
+    if len(uv) != len(recording.frames):
+        raise BadInput(
+            [Fault(str(path), f"it has {len(uv)} frames, the recording {len(recording.frames)}", "Give keypoints for every frame.")]
+        )
+    return Keypoints(
+        keypoints=uv.astype(np.float32),
+        score=score.astype(np.float32),
+        boxes=np.full((*score.shape[:2], 4), np.nan, np.float32),
+        camera_names=recording.cameras.names,
+        detector=path.name,
+        detector_sha256=content_digest(path),
+    )

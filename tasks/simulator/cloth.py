@@ -1,0 +1,77 @@
+"""What is simulated (cloth) and what it meets (collider)."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.faults import Fault, refuse
+from tasks.geometry.meshes import face_areas, hinges, mesh_faults
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """A triangle mesh of cloth in its rest shape.
+
+    x_rest [V, 3] m, faces [F, 3], boundary [B] vertices whose motion is prescribed, uv [F, 3, 2] m flat rest coordinates of the corners of
+    each face (u weft, v warp; None: the faces of x_rest laid flat), rest_angles: hinges at rest as in x_rest ("worn") or unfolded ("flat").
+    Raises BadInput for a mesh that cannot be simulated.
+    """
+
+    x_rest: Array
+    faces: Indices
+    boundary: Indices = field(default_factory=lambda: np.empty(0, np.int32))
+    uv: Array | None = None
+    rest_angles: Literal["worn", "flat"] = "worn"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x_rest", np.ascontiguousarray(self.x_rest, float))
+        object.__setattr__(self, "faces", np.ascontiguousarray(self.faces, np.int32))
+        object.__setattr__(self, "boundary", np.asarray(self.boundary, np.int32).ravel())
+        if self.uv is not None:
+            object.__setattr__(self, "uv", np.ascontiguousarray(self.uv, float))
+        refuse(self._faults())
+
+    def _faults(self) -> list[Fault]:
+        faults = mesh_faults(self.x_rest, self.faces, "cloth.x_rest", metres=False)
+        V, B = len(self.x_rest), self.boundary
+        if len(B) and (B.min() < 0 or B.max() >= V or len(np.unique(B)) < len(B)):
+            faults.append(Fault("cloth.boundary", f"{len(B)} entries between {B.min()} and {B.max()} for {V} vertices", "Name each vertex once."))
+        if self.uv is not None and self.uv.shape != (len(self.faces), 3, 2):
+            faults.append(Fault("cloth.uv", f"shape {self.uv.shape}", f"Give metres per corner of each face, [{len(self.faces)}, 3, 2]."))
+        return faults
+
+    @property
+    def rest_areas(self) -> Array:
+        """Areas of the faces at rest [F] m²; of the pattern where there is one."""
+        if self.uv is None:
+            return face_areas(self.x_rest, self.faces)
+        a, b = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
+        return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+
+    @property
+    def vertex_areas(self) -> Array:
+        """A third of the rest area of the faces around each vertex [V] m²."""
+        return np.bincount(self.faces.ravel(), np.repeat(self.rest_areas / 3, 3), len(self.x_rest))
+
+    @property
+    def hinges(self) -> Indices:
+        """Interior edges with their opposite corners [H, 4]."""
+        return hinges(self.faces)
+
+
+@dataclass(frozen=True)
+class Collider:
+    """A surface that moves as told and that cloth cannot cross: faces [C_F, 3] into the vertices of the motion [T, C, 3]."""
+
+    faces: Indices
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "faces", np.ascontiguousarray(self.faces, np.int32).reshape(-1, 3))
+
+
+NO_COLLIDER = Collider(np.empty((0, 3), np.int32))

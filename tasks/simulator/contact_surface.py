@@ -1,0 +1,81 @@
+"""The surface in which contact is looked for: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
+
+Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could answer them.
+Candidates found for a segment x → y hold for every point of it, so that a line search asks the broad phase once.
+
+Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021, both as implemented in ipctk.
+"""
+
+import ipctk
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.meshes import edges
+from tasks.simulator.cloth import Cloth, Collider
+
+Array = NDArray[np.float64]
+KEPT = 0.1  # share of the gap that a step leaves
+
+
+class ContactSurface:
+    """Collision mesh of V cloth and C collider vertices; keeps the candidates and the pairs of the place last asked for."""
+
+    def __init__(
+        self, cloth: Cloth, collider: Collider, collider_rest: Array, *, barrier_distance: float, offset: float = 0.0, area_weighting: bool = True
+    ) -> None:
+        """barrier_distance d̂ [m]: surfaces closer than offset + d̂ repel; offset [m]: they never come closer than this."""
+        self.cloth_size = len(cloth.x_rest)
+        self.barrier_distance, self.offset, self.area_weighting = barrier_distance, offset, area_weighting
+        faces = np.concatenate([cloth.faces, collider.faces + self.cloth_size]).astype(np.int32)
+        rest = np.concatenate([cloth.x_rest, collider_rest.reshape(-1, 3)])
+        self.mesh = ipctk.CollisionMesh(np.asfortranarray(rest), np.asfortranarray(edges(faces)), np.asfortranarray(faces))
+        prescribed = np.full(len(rest), True)
+        prescribed[: self.cloth_size] = False
+        prescribed[cloth.boundary] = True
+        patch = np.arange(1, len(rest) + 1, dtype=np.int32)
+        patch[prescribed] = 0
+        self.mesh.can_collide = ipctk.make_vertex_patches_filter(patch)
+        self.contact_areas = np.array([self.mesh.vertex_area(i) for i in range(len(rest))])
+        self._ccd = ipctk.AdditiveCCD(conservative_rescaling=1 - KEPT)
+        self._candidates: ipctk.Candidates | None = None
+        self._near: tuple[Array, ipctk.NormalCollisions] | None = None
+
+    def join(self, x: Array, collider: Array) -> Array:
+        """One array [V + C, 3] in the memory order that ipctk wants."""
+        return np.asfortranarray(np.concatenate([x, collider]))
+
+    def prepare(self, X: Array, Y: Array) -> None:
+        """Find all pairs that come near each other between X and Y [V + C, 3]."""
+        self._candidates = ipctk.Candidates()
+        self._candidates.build(self.mesh, X, Y, (self.offset + self.barrier_distance) / 2 * 1.01)
+
+    def forget(self) -> None:
+        """Drop the candidates: the next question may be asked anywhere."""
+        self._candidates = None
+        self._near = None
+
+    def free_step(self, X: Array, Y: Array) -> float:
+        """Largest share of the segment X → Y that stays free of contact (`prepare` was called for it); 1 when all of it does."""
+        assert self._candidates is not None
+        return self._candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset, self._ccd)
+
+    def pairs(self, X: Array) -> ipctk.NormalCollisions:
+        """Pairs closer than offset + d̂ at X, which lies on the prepared segment if there is one."""
+        if self._near is None or not np.array_equal(self._near[0], X):
+            near = ipctk.NormalCollisions()
+            near.collision_set_type = ipctk.NormalCollisions.IPC
+            near.use_area_weighting = self.area_weighting
+            if self._candidates is None:
+                near.build(self.mesh, X, self.barrier_distance, self.offset)
+            else:
+                near.build(self._candidates, self.mesh, X, self.barrier_distance, self.offset)
+            self._near = (X, near)
+        return self._near[1]
+
+    def least_distance(self, X: Array) -> float:
+        """Least distance among the pairs at X [m]; infinite when none is near."""
+        return float(np.sqrt(self.pairs(X).compute_minimum_distance(self.mesh, X)))
+
+    def intersects(self, X: Array) -> bool:
+        """Whether any edge crosses any face at X (exact)."""
+        return bool(ipctk.has_intersections(self.mesh, X))

@@ -1,0 +1,200 @@
+"""One implicit step: Newton's method on the sum of the potentials, along paths free of contact.
+
+First the prescribed nodes and the collider are carried to their targets *inside* Newton's steps: with Δ the rest of their way,
+H p = −∇P − H_prescribed Δ is the answer of the cloth to first order, and continuous collision detection says how much of (p, Δ) may be done.
+Then plain Newton with backtracking (Armijo) until the residual acceleration √(Σ‖∂P/∂x‖²/m / Σm) is small. The exact Hessian is tried first and
+the convex neighbour of every term only when Cholesky fails.
+
+Source: Nocedal & Wright, ch. 3; Li et al. 2020 (IPC), §4 for the step bound.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from tasks.simulator.contact_surface import ContactSurface
+from tasks.simulator.linear_system import Factor, LinearSystem, NotPositiveDefinite
+from tasks.simulator.potential import Blocks, Potential, Step
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+CONVERGED = "converged"
+DONE = 1 - 1e-9  # share of the prescribed motion that counts as all of it
+
+
+@dataclass(frozen=True)
+class Solution:
+    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations and the residual acceleration [m/s²] it ended with."""
+
+    x: Array
+    ending: str
+    iterations: int
+    residual: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the step may be kept."""
+        return self.ending == CONVERGED
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be solved in every step: the terms, the system of free nodes, the surface of contact, nodal masses [V], the tolerance [m/s²]."""
+
+    potentials: Sequence[Potential]
+    system: LinearSystem
+    surface: ContactSurface
+    mass: Array
+    boundary: Indices
+    tolerance: float
+    velocity_tolerance: float
+    most_iterations: int
+
+    def energy(self, x: Array, step: Step) -> float:
+        """P(x) [J]."""
+        return sum(p.energy(x, step) for p in self.potentials)
+
+    def gradient(self, x: Array, step: Step) -> Array:
+        """∂P/∂x [V, 3] N."""
+        return np.sum([p.gradient(x, step) for p in self.potentials], axis=0)
+
+    def hessians(self, x: Array, step: Step, *, convex: bool) -> list[Blocks | csc_matrix]:
+        """∂²P/∂x², term by term."""
+        return [p.hessian(x, step, convex=convex) for p in self.potentials]
+
+    def residual(self, g: Array) -> float:
+        """Root mean square acceleration [m/s²] that the forces g [V, 3] left over would cause on the free nodes."""
+        free = self.system.free
+        m = self.mass[free]
+        return float(np.sqrt(np.sum(g[free] ** 2 / m[:, None]) / max(m.sum(), 1e-300)))
+
+    def speed(self, dx: Array, step: Step) -> float:
+        """Root mean square of dx/h on the free nodes [m/s]."""
+        free = self.system.free
+        return float(np.sqrt(np.mean(np.sum(dx[free] ** 2, 1)))) / step.h
+
+    def factorise(self, x: Array, step: Step, *, convex: bool = False) -> tuple[Factor, list[Blocks | csc_matrix], bool]:
+        """Factor, Hessians and whether they are the convex neighbours, exact ones being tried first unless `convex`."""
+        if not convex:
+            terms = self.hessians(x, step, convex=False)
+            try:
+                return self.system.factorise(self.system.assemble(terms)), terms, False
+            except NotPositiveDefinite:
+                pass
+        terms = self.hessians(x, step, convex=True)
+        return self.system.factorise(self.system.assemble(terms)), terms, True
+
+
+def solve(problem: Problem, x: Array, step: Step, *, boundary_target: Array) -> Solution:
+    """Minimise from x [V, 3], which is free of contact with the collider at step.collider_n; boundary_target [B, 3] m."""
+    advance = _advance(problem, x, step, boundary_target)
+    if not advance.converged:
+        return advance
+    return _minimise(problem, advance.x, step, advance.iterations)
+
+
+def _advance(problem: Problem, x: Array, step: Step, target: Array) -> Solution:
+    """Carry boundary and collider to where they belong, the cloth answering."""
+    B, surface, end = problem.boundary, problem.surface, step.collider
+    here = replace(step, collider=step.collider_n)
+    iterations = 0
+    while True:
+        Δb, Δc = target - x[B], end - here.collider
+        if not (np.any(Δb) or np.any(Δc)):
+            return Solution(x, CONVERGED, iterations, np.inf)
+        if iterations >= problem.most_iterations:
+            left = max(np.abs(Δb).max(initial=0), np.abs(Δc).max(initial=0))
+            return Solution(x, f"the prescribed motion could not be completed: {left:.2g} m are missing after {iterations} iterations", iterations, np.inf)
+        p = _answer(problem, x, here, Δb, Δc)
+        X, Y = surface.join(x, here.collider), surface.join(x + p, end)
+        surface.prepare(X, Y)
+        share = surface.free_step(X, Y)
+        iterations += 1
+        if share >= DONE:
+            x = x + p
+            x[B] = target
+            here = step
+        else:
+            x = x + share * p
+            here = replace(step, collider=here.collider + share * Δc)
+            if share < 0.5:
+                x, used = _relax(problem, x, here)
+                iterations += used
+
+
+def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array) -> Array:
+    """Newton step [V, 3] that foresees the motion Δ of what is prescribed."""
+    fixed = np.zeros_like(x)
+    fixed[problem.boundary] = Δb
+    factor, terms, _ = problem.factorise(x, step)
+    g = problem.gradient(x, step) + _times(terms, fixed, Δc)
+    return problem.system.scatter(factor.solve(-problem.system.gather(g))) + fixed
+
+
+def _times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
+    """Product [V, 3] of the Hessians with a motion of cloth dx [V, 3] and collider dc [C, 3]."""
+    total = np.zeros_like(dx)
+    for term in terms:
+        if isinstance(term, Blocks):
+            total += term.times(dx[None])[0] if dx.any() else 0.0
+        elif term.nnz:
+            total += (term @ np.concatenate([dx, dc]).ravel())[: dx.size].reshape(-1, 3)
+    return total
+
+
+def _relax(problem: Problem, x: Array, step: Step) -> tuple[Array, int]:
+    """A few plain Newton steps with everything prescribed held, so that gaps open again."""
+    for iteration in range(3):
+        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step))
+        if moved > 0.5:
+            return x, iteration + 1
+    return x, 3
+
+
+def _minimise(problem: Problem, x: Array, step: Step, iterations: int) -> Solution:
+    while True:
+        g = problem.gradient(x, step)
+        residual = problem.residual(g)
+        if residual <= problem.tolerance:
+            return Solution(x, CONVERGED, iterations, residual)
+        if iterations >= problem.most_iterations:
+            return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
+        x_next, share, _ = _newton_step(problem, x, step, g)
+        iterations += 1
+        if share == 0:
+            return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
+        if problem.speed(x_next - x, step) < problem.velocity_tolerance * share:
+            return Solution(x_next, CONVERGED, iterations, residual)
+        x = x_next
+
+
+def _newton_step(problem: Problem, x: Array, step: Step, g: Array) -> tuple[Array, float, bool]:
+    """x after one step, the share of it that was taken, and whether the Hessian was convexified."""
+    factor, _, convex = problem.factorise(x, step)
+    p = problem.system.scatter(factor.solve(-problem.system.gather(g)))
+    surface = problem.surface
+    X, Y = surface.join(x, step.collider), surface.join(x + p, step.collider)
+    surface.prepare(X, Y)
+    share = surface.free_step(X, Y)
+    slope = float(np.sum(g * p))
+    energy = problem.energy(x, step)
+    while share > 1e-8:
+        y = x + share * p
+        change = problem.energy(y, step) - energy
+        # once the promised change drowns in rounding, the energy can no longer judge the step
+        if change <= 1e-4 * share * slope or -slope < 1e-11 * abs(energy):
+            return y, share, convex
+        share /= 2
+    return x, 0.0, convex
+
+
+def _unfinished(problem: Problem, g: Array, residual: float, iterations: int) -> str:
+    free = problem.system.free
+    worst = free[int(np.argmax(np.sum(g[free] ** 2, 1) / problem.mass[free] ** 2))]
+    return (
+        f"Newton stopped after {iterations} iterations at a residual of {residual:.3g} m/s² (tolerance {problem.tolerance:.3g}), "
+        f"worst at vertex {worst}; use more substeps or loosen acceleration_tolerance"
+    )

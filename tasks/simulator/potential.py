@@ -1,0 +1,100 @@
+"""The one interface of everything that acts on cloth: a term P(x | history, θ) of the incremental potential.
+
+A step of the implicit rule  x = x̂ + s v,  v = v̂ + s a  (x̂, v̂ known, s = ∂x/∂v) makes the sum of all terms stationary, Σ ∇P(x) = 0 [N].
+Inertia is the term ½‖x − x̃‖²_M / s² with x̃ = x̂ + s v̂; a conservative energy enters as itself; a dissipation D(v) [W] enters as P = s·D((x − x̂)/s),
+because ∂P/∂x is then the force ∂D/∂v; a force without potential enters lagged, as −f(history)·x. Hence all Hessians are symmetric.
+
+Source: Kane et al. 2000 (variational integrators with dissipation); Li et al. 2020 (IPC), eq. 4, generalised here to any linear multistep rule.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is known before x [V, 3] is: x_n, v_n, the rule (h, s, x_hat, v_hat), and the collider before, after and as its own x̂ [C, 3]."""
+
+    h: float
+    s: float
+    x_n: Array
+    v_n: Array
+    x_hat: Array
+    v_hat: Array
+    collider: Array
+    collider_n: Array
+    collider_hat: Array
+    time: float = 0.0
+
+    @property
+    def x_tilde(self) -> Array:
+        """Where the nodes go without force [V, 3]."""
+        return self.x_hat + self.s * self.v_hat
+
+    def velocity(self, x: Array) -> Array:
+        """v = (x − x̂)/s [V, 3] m/s."""
+        return (x - self.x_hat) / self.s
+
+
+@dataclass(frozen=True)
+class StepTangent:
+    """Directional derivatives of what `Step` knows, for K columns at once: cloth fields [K, V, 3], collider fields [K, C, 3]."""
+
+    x_n: Array
+    v_n: Array
+    x_hat: Array
+    v_hat: Array
+    collider: Array
+    collider_n: Array
+    collider_hat: Array
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A Hessian as dense blocks on small stencils: stencils [K, m] vertices, values [K, 3m, 3m] N/m (order: vertex, then axis)."""
+
+    stencils: Indices
+    values: Array
+
+    def times(self, dx: Array) -> Array:
+        """Product with columns dx [P, V, 3] -> [P, V, 3]."""
+        K, m = self.stencils.shape
+        local = dx[:, self.stencils].reshape(len(dx), K, 3 * m)
+        out = np.einsum("kij,pkj->pki", self.values, local, optimize=True).reshape(len(dx), K * m, 3)
+        total = np.zeros_like(dx)
+        for column, part in zip(total, out, strict=True):
+            np.add.at(column, self.stencils.ravel(), part)
+        return total
+
+
+class Potential(Protocol):
+    """One term. `parameters` names the θ that `parameter_gradient` can differentiate with respect to."""
+
+    parameters: tuple[str, ...] = ()
+
+    def energy(self, x: Array, step: Step) -> float:
+        """P(x) [J]."""
+        ...
+
+    def gradient(self, x: Array, step: Step) -> Array:
+        """∂P/∂x [V, 3] N (minus the force)."""
+        ...
+
+    def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks | csc_matrix:
+        """∂²P/∂x²: exact, or with `convex` a positive semi-definite neighbour. A sparse matrix covers cloth and collider, [3(V+C), 3(V+C)]."""
+        ...
+
+    def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
+        """∂²P/∂x∂θ [V, 3] for the parameter called `name`."""
+        raise KeyError(name)
+
+    def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array | None:
+        """∂∇P/∂(history)·d [K, V, 3] at fixed x; None where the term knows no history."""
+        return None

@@ -1,0 +1,37 @@
+"""How a simulation is computed, apart from what is simulated."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numerical choices. Accelerations in m/s², lengths in m, velocities in m/s.
+
+    integrator, substeps: implicit rule and steps per frame (h = 1/(fps·substeps)).
+    membrane: "stvk" (the base model) or "neo_hookean" (C-IPC). bending "coupled": hinge stiffness carries κ_s as well, as in PhysAvatar's code.
+    barrier_distance d̂: cloth is repelled within it. contact_offset: least distance kept between surfaces (thickness).
+    contact_acceleration c: strength of the barrier per areal density. barrier "cipc": the original's stiffness rule.
+    friction_velocity ε_v: slip below which friction is smoothed.
+    acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it.
+    velocity_tolerance: it is also done when Newton's step divided by h, root mean square, is below it (C-IPC's rule, 1e-3; 0: never).
+    newton_iterations: most iterations per step. halvings: how often a step that fails may be halved.
+    gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts give way there.
+    """
+
+    integrator: Literal["bdf2", "backward_euler"] = "bdf2"
+    substeps: int = 4
+    mass: Literal["lumped", "consistent"] = "lumped"
+    membrane: Literal["stvk", "neo_hookean"] = "stvk"
+    bending: Literal["independent", "coupled"] = "independent"
+    barrier: Literal["per_area", "cipc"] = "per_area"
+    barrier_distance: float = 1e-3
+    contact_offset: float = 0.0
+    contact_acceleration: float = 100.0
+    friction_velocity: float = 1e-3
+    acceleration_tolerance: float = 1e-3
+    velocity_tolerance: float = 0.0
+    newton_iterations: int = 100
+    halvings: int = 3
+    gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
+    yield_collider: bool = True

@@ -1,0 +1,166 @@
+"""Simulate cloth: a generator of frames, deterministic on one thread, that knows no disk."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.geometry.faults import Fault, refuse
+from tasks.simulator.base_model import base_problem
+from tasks.simulator.cloth import Cloth, Collider
+from tasks.simulator.fabric import Fabric
+from tasks.simulator.newton import CONVERGED, Problem, Solution, solve
+from tasks.simulator.potential import Potential, Step
+from tasks.simulator.settings import Settings
+from tasks.simulator.tangents import Tangents
+from tasks.simulator.time_integration import Rule, State, known, rule
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
+
+    `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
+    `collider` [C, 3] is where the collider stood; `seconds` the processor time spent.
+    """
+
+    index: int
+    x: Array
+    v: Array
+    collider: Array
+    tangents: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    newton_iterations: int = 0
+    ending: str = CONVERGED
+    seconds: float = 0.0
+
+    @property
+    def converged(self) -> bool:
+        """Whether the frame may be used."""
+        return self.ending == CONVERGED
+
+
+def simulate(
+    cloth: Cloth,
+    fabric: Fabric,
+    collider: Collider,
+    *,
+    collider_motion: Array,
+    boundary_motion: Array,
+    fps: float,
+    x0: Array | None = None,
+    v0: Array | None = None,
+    settings: Settings = Settings(),
+    potentials: Sequence[Potential] = (),
+    tangents: Sequence[str] = (),
+    start_modes: Mapping[str, tuple[Array, Array]] | None = None,
+) -> Iterator[Frame]:
+    """Frames 0..T−1 of cloth driven by collider_motion [T, C, 3] m and boundary_motion [T, B, 3] m (order of cloth.boundary), at fps [1/s].
+
+    Frame 0 is the start: x0 [V, 3] (default: at rest shape) and v0 [V, 3] (default: at rest). Between frames both motions are linear.
+    potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3].
+    Raises BadInput when arrays do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
+    """
+    x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
+    v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
+    collider_motion = np.asarray(collider_motion, float).reshape(len(collider_motion), -1, 3)
+    boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
+    refuse(_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0))
+    problem = base_problem(cloth, fabric, collider, collider_motion[0], settings=settings, potentials=potentials)
+    return _frames(problem, collider_motion, boundary_motion, fps, State(x0, v0, collider_motion[0]), settings, tuple(tangents), start_modes or {})
+
+
+def _frames(
+    problem: Problem,
+    collider_motion: Array,
+    boundary_motion: Array,
+    fps: float,
+    state: State,
+    settings: Settings,
+    names: tuple[str, ...],
+    modes: Mapping[str, tuple[Array, Array]],
+) -> Iterator[Frame]:
+    columns = Tangents(problem, names, modes, state) if names or modes else None
+    walk = _Walk(problem, settings, state, columns)
+    clock = time.process_time()
+    yield Frame(0, state.x, state.v, state.collider, columns.named() if columns else {}, seconds=time.process_time() - clock)
+    for i in range(1, len(collider_motion)):
+        clock = time.process_time()
+        ending, iterations = walk.frame(collider_motion[i - 1 : i + 1], boundary_motion[i - 1 : i + 1], (i - 1) / fps, 1 / fps)
+        named = columns.named() if columns else {}
+        yield Frame(i, walk.now.x, walk.now.v, walk.now.collider, named, iterations, ending, time.process_time() - clock)
+        if ending != CONVERGED:
+            return
+
+
+class _Walk:
+    """Where the simulation stands: the last two states and the last step."""
+
+    def __init__(self, problem: Problem, settings: Settings, start: State, columns: Tangents | None) -> None:
+        self.problem, self.settings, self.columns = problem, settings, columns
+        self.now = self.before = start
+        self.h_previous: float | None = None
+
+    def frame(self, collider: Array, boundary: Array, start: float, duration: float) -> tuple[str, int]:
+        """Go through one frame along collider [2, C, 3] and boundary [2, B, 3]; (ending, Newton iterations)."""
+        n = self.settings.substeps
+        iterations = 0
+        for k in range(n):
+            ending, used = self._interval(collider, boundary, start, duration, k / n, (k + 1) / n, self.settings.halvings)
+            iterations += used
+            if ending != CONVERGED:
+                return f"{ending} (at {start + duration * (k + 1) / n:.4g} s)", iterations
+        return CONVERGED, iterations
+
+    def _interval(self, collider, boundary, start, duration, a, b, halvings) -> tuple[str, int]:
+        """One step from share a to share b of the frame, or two of half its length if it fails."""
+        solution = self._step(_between(collider, b), _between(boundary, b), start + duration * b, duration * (b - a))
+        if solution.converged or not halvings:
+            return solution.ending, solution.iterations
+        iterations = solution.iterations
+        for left, right in ((a, (a + b) / 2), ((a + b) / 2, b)):
+            ending, used = self._interval(collider, boundary, start, duration, left, right, halvings - 1)
+            iterations += used
+            if ending != CONVERGED:
+                return ending, iterations
+        return CONVERGED, iterations
+
+    def _step(self, collider: Array, boundary: Array, time: float, h: float) -> Solution:
+        r = rule(self.settings.integrator, h, self.h_previous)
+        step = known(r, self.now, self.before, collider, time)
+        self.problem.system.renew()
+        self.problem.surface.forget()
+        solution = solve(self.problem, self.now.x, step, boundary_target=boundary)
+        if solution.converged:
+            self._accept(solution, step, r)
+        return solution
+
+    def _accept(self, solution: Solution, step: Step, r: Rule) -> None:
+        if self.columns:
+            self.columns.advance(solution.x, step, r)
+        self.before, self.now = self.now, State(solution.x, step.velocity(solution.x), step.collider)
+        self.h_previous = r.h
+
+
+def _between(pair: Array, share: float) -> Array:
+    return pair[1] if share == 1 else (1 - share) * pair[0] + share * pair[1]
+
+
+def _faults(cloth: Cloth, collider: Collider, motion: Array, boundary: Array, fps: float, x0: Array, v0: Array) -> list[Fault]:
+    V, B, C = len(cloth.x_rest), len(cloth.boundary), motion.shape[1]
+    wanted = {
+        "x0": (x0, (V, 3)),
+        "v0": (v0, (V, 3)),
+        "boundary_motion": (boundary, (len(motion), B, 3)),
+        "collider_motion": (motion, (len(boundary), C, 3)),
+    }
+    faults = [Fault(name, f"shape {a.shape}", f"Give {shape}.") for name, (a, shape) in wanted.items() if a.shape != shape]
+    faults += [Fault(name, "values that are not finite", "Repair them.") for name, (a, _) in wanted.items() if not np.isfinite(a).all()]
+    if collider.faces.size and collider.faces.max() >= C:
+        faults.append(Fault("collider.faces", f"they name vertex {collider.faces.max()} of {C}", "Give the faces of collider_motion."))
+    if not fps > 0:
+        faults.append(Fault("fps", f"{fps}", "Give frames per second."))
+    return faults

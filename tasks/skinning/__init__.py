@@ -1,0 +1,1 @@
+"""Skin weights for the clothed surface, and moving it with the body."""

@@ -1,0 +1,214 @@
+"""What a stage is: a versioned, pure step from artifacts to one artifact, and the door through which it runs.
+
+    @stage("body", version=1, pool="vision", timeout_s=3600)
+    def fit(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParameters) -> Body: ...
+
+The annotations are the declaration: records are the inputs, `parameters` the settings, the return type what is published. The key of the
+result is known before anything runs (`Stage.key`), so a result that is in the store is never computed again. A `ModelFile` or
+`Folder` among the parameters enters the key by content, not by path. Prefect sees one cached task per stage; the store, not
+Prefect's cache, decides what is done.
+"""
+
+import hashlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+from pydantic import BaseModel, ConfigDict
+
+from storage_schemas.key import artifact_key
+from storage_schemas.provenance import Provenance
+from storage_schemas.record import Record
+from storage_schemas.reference import ArtifactRef
+from storage_schemas.store import Store
+from tasks.geometry.faults import BadInput
+
+LEASE_S = 60.0
+SEALED = ".truth"  # a folder whose name ends so is closed to every stage
+
+
+class Fingerprint:
+    """Marks a path that enters the key of an artifact by its content."""
+
+
+ModelFile = Annotated[Path | None, Fingerprint()]
+Folder = Annotated[Path | None, Fingerprint()]
+
+
+class Parameters(BaseModel):
+    """Settings of a stage: frozen, no unknown names, SI units."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a stage knows of its run: whose data, where the recording lies now, a folder that survives a kill, whom to tell how far it is."""
+
+    actor: str
+    sequence: str
+    recording: Path | None
+    checkpoint: Path
+    progress: Callable[[float, str], None]
+    warn: Callable[[str], None]
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a stage ended: the artifact, whether it was there already, and the seconds this run spent."""
+
+    ref: ArtifactRef
+    cached: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A declared stage; see the module docstring."""
+
+    name: str
+    version: int
+    pool: str
+    timeout_s: float
+    retries: int
+    function: Callable[..., Record]
+    reads: Mapping[str, type[Record]]
+    writes: type[Record]
+    parameters: type[Parameters]
+
+    def key_fields(self, inputs: Mapping[str, ArtifactRef], parameters: Parameters) -> dict[str, Any]:
+        """Everything the key is made of, in the form `plan --explain` compares."""
+        paths = {n for n, f in self.parameters.model_fields.items() if any(isinstance(m, Fingerprint) for m in f.metadata)}
+        return {
+            "stage": self.name,
+            "stage_version": self.version,
+            "schema_version": self.writes.schema_version,
+            "parameters": parameters.model_dump(mode="json", exclude=paths),
+            "inputs": {name: ref.digest for name, ref in inputs.items()},
+            "weights": {n: content_digest(getattr(parameters, n)) for n in sorted(paths) if getattr(parameters, n) is not None},
+        }
+
+    def key(self, inputs: Mapping[str, ArtifactRef], parameters: Parameters) -> str:
+        """SHA-256 of the canonical JSON of `key_fields`."""
+        return artifact_key(**self.key_fields(inputs, parameters))
+
+    def run(
+        self,
+        store: Store,
+        actor: str,
+        sequence: str,
+        inputs: Mapping[str, ArtifactRef],
+        parameters: Parameters,
+        *,
+        recording: Path | None = None,
+        progress: Callable[[float, str], None] = lambda fraction, text: None,
+        warn: Callable[[str], None] = lambda text: None,
+    ) -> Outcome:
+        """The artifact of these inputs: found in the store, or computed and published. Safe to call from any number of processes."""
+        start = time.perf_counter()
+        fields = self.key_fields(inputs, parameters)
+        key = artifact_key(**fields)
+        if (ref := store.find(actor, sequence, self.name, key)) is not None:
+            store.set_latest(ref)
+            return Outcome(ref, True, time.perf_counter() - start)
+        with store.lease(actor, sequence, self.name, key, seconds=LEASE_S, wait=self.timeout_s):
+            if (ref := store.find(actor, sequence, self.name, key)) is not None:  # another process published it while we waited
+                return Outcome(ref, True, time.perf_counter() - start)
+            job = Job(actor, sequence, recording, store.checkpoint_dir(actor, sequence, self.name, key), progress, warn)
+            opened = {name: store.open(ref, self.reads[name]) for name, ref in inputs.items()}
+            provenance = Provenance(
+                stage=self.name, stage_version=self.version, inputs=dict(inputs), weights=fields["weights"], parameters=fields["parameters"]
+            )
+            with _sealed_from_truth():
+                record = self.function(job, **opened, parameters=parameters)
+            provenance = provenance.finished().model_copy(update={"reasons": tuple(job.notes)})
+            ref = store.publish(record, actor=actor, sequence=sequence, stage=self.name, key=key, provenance=provenance)
+            store.set_latest(ref)
+        return Outcome(ref, False, time.perf_counter() - start)
+
+    def as_task(self, store: Store, **circumstances: Any) -> Any:
+        """This stage as a Prefect task whose cache key is the key of the artifact; its arguments and its result are small JSON.
+
+        `task(actor=, sequence=, inputs=, parameters=)` returns {"ref": ..., "cached": bool, "seconds": s}.
+        """
+        from prefect import task
+
+        def compute(actor: str, sequence: str, inputs: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any]:
+            outcome = self.run(store, actor, sequence, *self._typed(inputs, parameters), **circumstances)
+            return {"ref": outcome.ref.model_dump(mode="json"), "cached": outcome.cached, "seconds": outcome.seconds}
+
+        return task(
+            compute,
+            name=self.name,
+            task_run_name=f"{{actor}} {{sequence}} {self.name}",
+            tags=[self.pool],
+            cache_key_fn=lambda _, arguments: self.key(*self._typed(arguments["inputs"], arguments["parameters"])),
+            persist_result=True,
+            result_serializer="json",
+            retries=self.retries,
+            retry_delay_seconds=5,
+            retry_condition_fn=_worth_retrying,
+            timeout_seconds=self.timeout_s,
+        )
+
+    def _typed(self, inputs: Mapping[str, Any], parameters: Mapping[str, Any]) -> tuple[dict[str, ArtifactRef], Parameters]:
+        return {n: ArtifactRef.model_validate(r) for n, r in inputs.items()}, self.parameters.model_validate(dict(parameters))
+
+
+def stage(name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retries: int = 0) -> Callable[[Callable[..., Record]], Stage]:
+    """Declare a stage; `pool` is one of vision, tracking, simulation, rendering."""
+
+    def declare(function: Callable[..., Record]) -> Stage:
+        hints = get_type_hints(function, include_extras=True)
+        writes = hints.pop("return")
+        hints.pop("job")
+        parameters = hints.pop("parameters")
+        return Stage(name, version, pool, timeout_s, retries, function, dict(hints), writes, parameters)
+
+    return declare
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of all files below a folder."""
+    if not path.is_dir():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    tree = hashlib.sha256()
+    for below in sorted(p for p in path.rglob("*") if p.is_file()):
+        tree.update(f"{below.relative_to(path).as_posix()}\0{content_digest(below)}\n".encode())
+    return tree.hexdigest()
+
+
+_inside_stage: ContextVar[bool] = ContextVar("inside_stage", default=False)
+
+
+@contextmanager
+def _sealed_from_truth() -> Iterator[None]:
+    token = _inside_stage.set(True)
+    try:
+        yield
+    finally:
+        _inside_stage.reset(token)
+
+
+def _refuse_truth(event: str, arguments: tuple) -> None:
+    if event == "open" and isinstance(arguments[0], str) and _inside_stage.get() and SEALED in arguments[0]:
+        if any(part.endswith(SEALED) for part in Path(arguments[0]).parts):
+            raise PermissionError(f"{arguments[0]}: a stage may not open the truth it is judged by")
+
+
+sys.addaudithook(_refuse_truth)
+
+
+def _worth_retrying(task: Any, run: Any, state: Any) -> bool:
+    """Bad input stays bad; everything else may be the machine's fault."""
+    return not isinstance(state.result(raise_on_failure=False), BadInput)
+
+
+__all__ = ["Folder", "Job", "ModelFile", "Outcome", "Parameters", "Stage", "content_digest", "stage"]

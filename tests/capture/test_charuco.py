@@ -1,0 +1,169 @@
+"""A rig from a carried board: against rigs whose truth is known, with noise, with a chain of shared views, and from rendered pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.capture.charuco import Board, calibrate_charuco
+from tasks.capture.rig_calibration import levelled, moved, scaled_to
+from tasks.geometry.cameras import Cameras, project
+from tasks.geometry.faults import BadInput
+from tasks.geometry.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+from tests.capture.planes import Rectangle, rays, render
+from tests.capture.recordings import ring
+
+BOARD = Board(8, 6, 0.10, 0.075)
+
+
+def studio(count: int = 6, *, size=(640, 480), focal: float = 700.0) -> Cameras:
+    """A ring with lenses that differ and bend; x, y, z as in the world of a board on the floor."""
+    rig = ring(count, size=size, focal=focal)
+    rng = np.random.default_rng(3)
+    K = rig.K.copy()
+    K[:, [0, 1], [0, 1]] *= rng.uniform(0.95, 1.05, (count, 2))
+    K[:, :2, 2] += rng.normal(size=(count, 2)) * 5
+    distortion = np.array([-0.08, 0.05, 1e-3, -1e-3, 0]) * rng.uniform(0.5, 1.5, (count, 1))
+    return replace(rig, K=K, distortion=distortion)
+
+
+def carried(frames: int, seed: int = 0, *, facing: np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Poses of the board, front outwards in turn all round, tilted at random; frame 0 lies on the floor, face up."""
+    rng = np.random.default_rng(seed)
+    middle = np.array([0.4, 0.3, 0])
+    flat = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T
+    poses = [(flat, -flat @ middle)]
+    for φ in np.linspace(0, 2 * np.pi, frames - 1, endpoint=False) if facing is None else facing:
+        out = np.array([[np.cos(φ), 0, -np.sin(φ)], [0, 1, 0], [np.sin(φ), 0, np.cos(φ)]]).T  # turns z to (sin φ, 0, cos φ)
+        R = out @ np.diag([1.0, -1, -1]) @ matrix_from_axis_angle(rng.normal(size=3) * 0.35)  # the board's z points away from who sees it
+        poses.append((R, np.array([0, 1.0, 0]) + rng.normal(size=3) * 0.15 - R @ middle))
+    return poses
+
+
+def corners_seen(rig: Cameras, poses: list, noise: float, seed: int = 0) -> np.ndarray:
+    """Corners [camera, frame, corner, 2] in front of the board, inside the picture, at less than 65° from its normal."""
+    x = np.stack([BOARD.corners() @ R.T + t for R, t in poses])
+    uv, depth = project(rig, x)
+    to_camera = rig.centres()[:, None, None] - x
+    towards = np.einsum("kfci,fi->kfc", to_camera, np.stack([-R[:, 2] for R, _ in poses])) / np.linalg.norm(to_camera, axis=-1)
+    inside = (depth > 0) & (uv > 0).all(-1) & (uv < rig.size[:, None, None]).all(-1) & (towards > 0.42)
+    return np.where(inside[..., None], uv + np.random.default_rng(seed).normal(size=uv.shape) * noise, np.nan)
+
+
+def pose_errors(found: Cameras, truth: Cameras) -> tuple[np.ndarray, np.ndarray]:
+    """Degrees between rotations and millimetres between centres."""
+    turn = np.linalg.norm(axis_angle_from_matrix(found.R @ truth.R.transpose(0, 2, 1)), axis=1)
+    return np.degrees(turn), 1000 * np.linalg.norm(found.centres() - truth.centres(), axis=1)
+
+
+def calibrate(rig: Cameras, uv: np.ndarray, **kwargs):
+    return calibrate_charuco(uv, BOARD, names=rig.names, size=rig.size, **kwargs)
+
+
+def test_without_noise_the_rig_is_exact():
+    rig = studio()
+    found = calibrate(rig, corners_seen(rig, carried(25), 0.0), floor_frame=0)
+    degrees, mm = pose_errors(found.cameras, rig)
+    assert degrees.max() < 1e-3
+    assert mm.max() < 0.05
+    np.testing.assert_allclose(found.cameras.K, rig.K, atol=0.05)
+    assert found.residual_px.max() < 1e-3
+
+
+def test_with_noise_errors_are_those_that_noise_explains():
+    """0.2 px on each coordinate leaves 0.28 px rms; what is left after 14 + 6 parameters per camera and board is a little less."""
+    rig = studio()
+    found = calibrate(rig, corners_seen(rig, carried(25), 0.2), floor_frame=0)
+    assert found.residual_px == pytest.approx(np.full(6, 0.28), rel=0.15)
+    degrees, mm = pose_errors(found.cameras, rig)
+    assert degrees.max() < 0.3
+    assert mm.max() < 12  # at 2.6 m
+
+
+def test_errors_shrink_with_the_noise():
+    rig = studio()
+    errors = [pose_errors(calibrate(rig, corners_seen(rig, carried(25), s), floor_frame=0).cameras, rig)[1].mean() for s in (0.4, 0.04)]
+    assert errors[0] / errors[1] == pytest.approx(10, rel=0.25)
+
+
+def test_a_wrong_corner_does_not_pull_the_rig_away():
+    rig = studio()
+    uv = corners_seen(rig, carried(25), 0.1)
+    seen = np.argwhere(np.isfinite(uv).all(-1))
+    for k, f, c in seen[:: len(seen) // 12]:
+        uv[k, f, c] += 25
+    _, mm = pose_errors(calibrate(rig, uv, floor_frame=0).cameras, rig)
+    assert mm.max() < 12
+
+
+def test_no_board_on_the_floor_leaves_shape_and_scale():
+    rig = studio()
+    found = calibrate(rig, corners_seen(rig, carried(25), 0.0)).cameras
+    C, D = (np.linalg.norm(c.centres()[:, None] - c.centres()[None], axis=-1) for c in (found, rig))
+    np.testing.assert_allclose(C, D, atol=1e-4)
+    assert -found.R[:, 1].mean(axis=0)[[0, 2]] == pytest.approx([0, 0], abs=1e-9)
+    np.testing.assert_allclose(found.R[:, 1, 1], rig.R[:, 1, 1], atol=2e-2)  # a ring's tilts cancel
+
+
+def test_cameras_without_a_chain_of_boards_are_named():
+    rig = studio()
+    uv = corners_seen(rig, carried(25), 0.0)
+    uv[3, :-2] = np.nan
+    with pytest.raises(BadInput, match="Cam004: the board was found in"):
+        calibrate(rig, uv)
+    uv = corners_seen(rig, carried(25), 0.0)
+    uv[:3, ::2] = uv[3:, 1::2] = np.nan
+    with pytest.raises(BadInput) as caught:
+        calibrate(rig, uv)
+    assert [f.where for f in caught.value.faults] == ["Cam004", "Cam005", "Cam006"]
+    with pytest.raises(BadInput, match="floor_frame"):
+        calibrate(rig, corners_seen(rig, carried(25), 0.0), floor_frame=99)
+
+
+def test_a_moved_rig_sees_moved_points():
+    rig, rng = studio(), np.random.default_rng(0)
+    R, t, x = matrix_from_axis_angle(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=(5, 3)) * 0.3
+    np.testing.assert_allclose(project(moved(rig, R, t, scale=2.5), 2.5 * (x @ R.T + t))[0], project(rig, x)[0], atol=1e-6)
+    level = levelled(moved(rig, R, t))
+    np.testing.assert_allclose(levelled(rig).R[:, 1, 1], level.R[:, 1, 1], atol=1e-9)
+    C = scaled_to(rig, ("Cam001", "Cam003", 1.0)).centres()
+    assert np.linalg.norm(C[0] - C[2]) == pytest.approx(1)
+    with pytest.raises(BadInput, match="no placed camera 'Cam099'"):
+        scaled_to(rig, ("Cam001", "Cam099", 1.0))
+
+
+def rectangle(R: np.ndarray, t: np.ndarray) -> Rectangle:
+    size = np.array([BOARD.columns, BOARD.rows]) * BOARD.square_m
+    return Rectangle(t, R[:, 0] * size[0], R[:, 1] * size[1], BOARD.picture(100).astype(float))
+
+
+def test_corners_are_found_where_they_lie():
+    """Also the half pixel: an error of 0.5 px in both coordinates would be ten times the bound."""
+    rig = studio(3)
+    poses = carried(5, facing=np.array([0, 0.2, 0.4, -0.3]))[1:]
+    directions, errors = rays(rig, 0), []
+    for R, t in poses:
+        found = BOARD.detect(render(rig, 0, [rectangle(R, t)], directions))
+        assert np.isfinite(found).all(-1).mean() > 0.9
+        errors.append((found - project(rig, BOARD.corners() @ R.T + t)[0][0])[np.isfinite(found).all(-1)])
+    assert np.abs(np.concatenate(errors).mean(0)).max() < 0.05
+    assert np.linalg.norm(np.concatenate(errors), axis=1).mean() < 0.15
+    assert np.isnan(BOARD.detect(np.full((480, 640, 3), 128, np.uint8))).all()
+
+
+@pytest.mark.slow
+def test_a_rig_from_pictures():
+    rig = studio(4)
+    rig = moved(rig.subset([0, 1, 2]), np.eye(3), np.zeros(3))
+    arc = ring(12, size=(640, 480), focal=700)
+    rig = replace(rig, R=arc.R[:3], t=arc.t[:3], size=arc.size[:3])  # 30° apart, so that one board serves all
+    poses = carried(13, facing=np.linspace(-0.1, 1.1, 12))
+    uv = np.stack(
+        [[BOARD.detect(render(rig, k, [rectangle(R, t)], d)) for R, t in poses] for k, d in ((k, rays(rig, k)) for k in range(3))]
+    )
+    found = calibrate(rig, uv, floor_frame=0)
+    degrees, mm = pose_errors(found.cameras, rig)
+    print(found.residual_px, degrees, mm)
+    assert found.residual_px.max() < 0.3
+    assert degrees.max() < 0.3
+    assert mm.max() < 12

@@ -1,0 +1,86 @@
+"""A panel that swings from its upper edge: the fabric it was made of is found again, on another mesh and with noise."""
+
+import numpy as np
+import pytest
+
+from tasks.cloth.estimates import bending_length, estimates
+from tasks.cloth.gauss_newton import Progress, fit
+from tasks.cloth.scene import Scene, replay
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tests.geometry.test_meshes import grid
+
+TRUTH = Fabric(density=320, membrane=3.0, bending=300.0)
+
+
+def panel(n: int, *, frames: int = 16) -> Scene:
+    """0.2 m square in the x, y plane, held along x at the top and swung along z."""
+    x, faces = grid(n, n)
+    x = x * (0.2 / (n - 1))
+    x[:, 1] -= 0.2
+    held = np.flatnonzero(x[:, 1] > -1e-9)
+    t = np.arange(frames) / 25.0
+    path = x[held][None] + np.stack([0 * t, 0 * t, 0.12 * np.sin(2 * np.pi * 1.3 * t) * np.minimum(1, t / 0.2)], 1)[:, None]
+    empty = np.empty((frames, 0, 3))
+    shape = (frames, len(x))
+    return Scene(
+        Cloth(x, faces, held),
+        NO_COLLIDER,
+        empty,
+        path,
+        x,
+        np.zeros_like(x),
+        np.full((*shape, 3), np.nan),
+        np.full(shape, 1e-3),
+        25.0,
+        Settings(substeps=2),
+    )
+
+
+def observed(scene: Scene, seed: int, *, truth: Fabric = TRUTH) -> Scene:
+    from dataclasses import replace
+
+    noise = np.random.default_rng(seed).normal(scale=1e-3, size=scene.observed.shape)
+    return replace(scene, observed=replay(scene, truth).x + noise)
+
+
+@pytest.fixture(scope="module")
+def found():
+    scene = observed(panel(9), 1)
+    return scene, fit(scene, Progress(Fabric(density=320, membrane=1.0, bending=60.0)), iterations=8)
+
+
+def test_the_fabric_is_found_again(found):
+    _, result = found
+    assert np.log(result.fabric.membrane / TRUTH.membrane) == pytest.approx(0, abs=0.15)
+    assert np.log(result.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.15)
+    assert result.history[-1]["rms_mm"] == pytest.approx(np.sqrt(3), rel=0.1)  # 1 mm per coordinate is all that is left
+    assert result.history[0]["rms_mm"] > 2 * result.history[-1]["rms_mm"]
+
+
+def test_only_ratios_to_the_density_are_found(found):
+    scene, result = found
+    heavy = Fabric(density=640, membrane=2.0, bending=120.0)
+    other = fit(scene, Progress(heavy), iterations=8)
+    assert other.fabric.membrane / 640 == pytest.approx(result.fabric.membrane / 320, rel=1e-2)
+
+
+def test_bending_finer_than_the_mesh_is_called_insensitive(found):
+    scene, result = found
+    from dataclasses import replace
+
+    stiff = estimates(scene, result)["kappa_b_over_rho"]
+    assert stiff["low"] < stiff["value"] < stiff["high"]
+    limp = replace(result, fabric=replace(result.fabric, bending=1.0))
+    assert bending_length(limp.fabric) < 0.01
+    said = estimates(scene, limp)["kappa_b_over_rho"]
+    assert said["value"] is None
+    assert "insensitive" in said["sentence"]
+
+
+def test_a_fit_that_was_stopped_goes_on_where_it_was(found):
+    scene, result = found
+    heard = []
+    fit(scene, Progress(Fabric(density=320, membrane=1.0, bending=60.0)), iterations=2, on_iteration=heard.append)
+    resumed = fit(scene, heard[-1], iterations=8)
+    assert len(resumed.history) == len(result.history)
+    np.testing.assert_allclose(resumed.replay.x, result.replay.x, rtol=1e-6, atol=1e-9)

@@ -1,0 +1,61 @@
+"""The command line's endings: what a user meets when something is wrong, and that nothing is touched then."""
+
+import json
+
+import pytest
+
+from flows import cli
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    return tmp_path
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(list(arguments))
+    return ended.value.code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["submit", "nobody"], "there is no such actor"),
+        (["submit", "../../etc"], "is not a name"),
+        (["plan", "nobody", "--set", "cloth.densty=3"], "Did you mean 'density'"),
+        (["submit", "nobody", "--until", "dessert"], "there is no stage 'dessert'"),
+        (["logs"], "there are no runs yet"),
+        (["cancel", "x"], "no run's id begins with 'x'"),
+        (["artifacts", "show", "ff"], "0 artifacts"),
+        (["frobnicate"], ""),
+    ],
+)
+def test_bad_requests_end_with_2_and_a_remedy(place, capsys, arguments, said):
+    assert run(*arguments) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err.replace("\n", " ")
+    assert captured.out == ""
+
+
+def test_an_actor_without_sequences_is_told(place, capsys):
+    (place / "data" / "ann").mkdir()
+    assert run("submit", "ann") == 2
+    assert "0 sequences" in capsys.readouterr().err
+
+
+def test_stages_as_json(place, capsys):
+    assert run("stages", "--json") == 0
+    stages = json.loads(capsys.readouterr().out)
+    assert [s["stage"] for s in stages][:3] == ["capture", "keypoints", "body"]
+    assert stages[-1]["stage"] == "report"
+
+
+def test_a_store_from_the_future_is_refused(place, capsys):
+    assert run("artifacts", "ls") == 0
+    version = next((place / "artifacts").glob("STORE_VERSION*"))
+    version.write_text(version.read_text().replace("1", "999"))
+    assert run("artifacts", "ls") == 2
+    assert "upgrade physavatar" in capsys.readouterr().err

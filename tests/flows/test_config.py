@@ -1,0 +1,44 @@
+"""TOML < environment < flags; what is unknown is refused with the nearest name."""
+
+import pytest
+
+from flows.config import load
+from tasks.geometry.faults import BadInput
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    for name in ("PHYSAVATAR_STORE", "PHYSAVATAR_CLOTH__DENSITY"):
+        monkeypatch.delenv(name, raising=False)
+    file = tmp_path / "physavatar.toml"
+    file.write_text('store = "from_toml"\n[cloth]\ndensity = 300.0\nbending = 7.0\nmembrane = 2.0\n')
+    return file
+
+
+def test_flags_beat_environment_beats_toml(file, monkeypatch):
+    monkeypatch.setenv("PHYSAVATAR_CLOTH__DENSITY", "400")
+    monkeypatch.setenv("PHYSAVATAR_CLOTH__BENDING", "8")
+    settings = load(["cloth.density=500"], file=file)
+    assert (settings.cloth.density, settings.cloth.bending, settings.cloth.membrane) == (500.0, 8.0, 2.0)
+    assert settings.cloth.substeps == 4
+    assert str(settings.store) == "from_toml"
+
+
+@pytest.mark.parametrize(
+    ("flag", "said"),
+    [
+        ("cloth.densty=3", "Did you mean 'density'"),
+        ("clth.density=3", "Did you mean 'cloth'"),
+        ("cloth.density=heavy", "cloth.density"),
+        ("cloth.density", "has no '='"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_a_remedy(file, flag, said):
+    with pytest.raises(BadInput, match=said):
+        load([flag], file=file)
+
+
+def test_broken_toml_names_the_file(file):
+    file.write_text("store = [")
+    with pytest.raises(BadInput, match=r"physavatar\.toml"):
+        load(file=file)

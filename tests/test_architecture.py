@@ -1,0 +1,23 @@
+"""The layout holds: import contracts, names that say something, and no stage imports what it should not."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+VAGUE = {"utils", "util", "common", "helpers", "helper", "core", "manager", "misc", "base"}
+
+
+def test_import_contracts_hold():
+    ended = subprocess.run([Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
+def test_every_file_is_named_for_its_idea():
+    named = [p for top in ("flows", "tasks", "storage_schemas") for p in (ROOT / top).rglob("*") if "__pycache__" not in p.parts]
+    assert not [str(p) for p in named if p.stem in VAGUE]
+
+
+def test_every_folder_of_code_says_what_it_is():
+    folders = {p.parent for top in ("flows", "tasks", "storage_schemas") for p in (ROOT / top).glob("*/*.py")} | {ROOT / "storage_schemas", ROOT / "flows"}
+    assert not sorted(str(f.relative_to(ROOT)) for f in folders if not (f / "README.md").exists())

@@ -1,0 +1,89 @@
+"""Children give results, tell of progress, die in time, and never outlive their parent."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tasks.child_process import ChildFailed, ChildTimedOut, run_in_children
+
+
+def square(x, tell):
+    tell(f"squaring {x}")
+    return x * x
+
+
+def stubborn(_, tell):
+    subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    tell(os.getpid())
+    time.sleep(60)
+
+
+def sleeper(_, tell):
+    tell(os.getpid())
+    time.sleep(60)
+
+
+def refuses(_, tell):
+    raise ValueError("no")
+
+
+def dies(_, tell):
+    os.kill(os.getpid(), 9)
+
+
+def living(group: int) -> list[int]:
+    """Processes of a group that are more than zombies."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, its_group = stat.read_text().rpartition(") ")[2].split()[:3]
+        except OSError:
+            continue
+        if int(its_group) == group and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def wait_until_gone(group: int) -> list[int]:
+    for _ in range(50):
+        if not living(group):
+            break
+        time.sleep(0.1)
+    return living(group)
+
+
+def test_results_in_order_with_messages():
+    heard = []
+    assert run_in_children(square, [(1,), (2,), (3,)], limit_s=60, on_message=lambda i, m: heard.append((i, m))) == [1, 4, 9]
+    assert sorted(heard) == [(0, "squaring 1"), (1, "squaring 2"), (2, "squaring 3")]
+
+
+def test_a_child_past_its_limit_is_killed_with_all_its_own():
+    pids = []
+    with pytest.raises(ChildTimedOut, match="still running after 3 s"):
+        run_in_children(stubborn, [(0,)], limit_s=3, on_message=lambda i, pid: pids.append(pid))
+    assert not wait_until_gone(pids[0])
+
+
+def test_failures_say_how():
+    with pytest.raises(ValueError, match="no"):
+        run_in_children(refuses, [(0,)], limit_s=60)
+    with pytest.raises(ChildFailed, match="SIGKILL"):
+        run_in_children(dies, [(0,)], limit_s=60)
+
+
+def test_a_child_dies_with_its_parent():
+    code = (
+        "from tests.test_child_process import sleeper\nfrom tasks.child_process import run_in_children\n"
+        "run_in_children(sleeper, [(0,)], limit_s=60, on_message=lambda i, pid: print(pid, flush=True))"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    pid = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert not wait_until_gone(pid)
