@@ -13,7 +13,7 @@ Array attributes: `unit`. The axis names are zarr's `dimension_names`; an axis o
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import zarr
@@ -39,7 +39,7 @@ def read_fields(schema: type[Record], path: Path, *, frames: slice | None = None
     group = zarr.open_group(store=str(path), mode="r", zarr_format=3)
     version = _stored_version(schema, group, path)
     stored = dict(group.arrays())
-    fields = dict(group.attrs["fields"]) | {name: _read(array, path, frames) for name, array in stored.items()}
+    fields = cast("dict[str, Any]", group.attrs["fields"]) | {name: _read(array, path, frames) for name, array in stored.items()}
     if version < schema.schema_version:
         return schema.migrate(version, fields)
     if faults := [fault for name, array in stored.items() for fault in _metadata_faults(schema, name, array)]:
@@ -81,8 +81,7 @@ def _write(group: zarr.Group, field: str, spec: ArraySpec, values: np.ndarray) -
 
 
 def _read(array: zarr.Array, path: Path, frames: slice | None) -> np.ndarray:
-    dimensions = array.metadata.dimension_names or (None,)
-    selection = frames if frames is not None and dimensions[0] == "frame" else ...
+    selection = frames if frames is not None and _axes(array)[0] == "frame" else ...
     try:
         return np.asarray(array[selection])
     except (ValueError, RuntimeError, OSError) as broken:  # crc32c, blosc, a short shard index
@@ -108,8 +107,12 @@ def _metadata_faults(schema: type[Record], name: str, array: zarr.Array) -> list
     spec = schema.arrays.get(name)
     if spec is None:
         return []  # the record itself refuses undeclared fields, by name
-    axes = tuple(axis if axis is not None else size for axis, size in zip(array.metadata.dimension_names, array.shape, strict=True))
-    stored = f"{' '.join(map(str, axes))}, {array.dtype.name}, {array.attrs.get('unit')}"
+    stored = f"{' '.join(map(str, _axes(array)))}, {array.dtype.name}, {array.attrs.get('unit')}"
     if stored == str(spec):
         return []
     return [schema.fault(name, f"is stored as [{stored}]", f"the schema says [{spec}]: a changed schema needs a new version")]
+
+
+def _axes(array: zarr.Array) -> tuple[int | str, ...]:
+    names = getattr(array.metadata, "dimension_names", None) or (None,) * array.ndim
+    return tuple(size if name is None else name for name, size in zip(names, array.shape, strict=True))

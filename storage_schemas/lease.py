@@ -6,7 +6,8 @@ number now belongs to a process that started at another time. Reading and replac
 two that find a stale lease cannot both take it.
 
 Limits: machines that share a store must agree on the time to within a few seconds, and the file system must honour
-flock (local disks, NFS 4). A lease saves work; it does not guard the data. That is done by the rename that never replaces.
+flock (local disks, NFS 4). A compiled call that holds Python's lock for longer than the lease stops its heartbeat.
+A lease saves work; it does not guard the data. That is done by the rename that never replaces.
 """
 
 from __future__ import annotations

@@ -19,6 +19,17 @@ from storage_schemas.reference import ArtifactRef
 PACKAGES = ("physavatar", "numpy", "scipy", "torch", "numba", "ipctk", "mitsuba", "onnxruntime", "opencv-contrib-python-headless", "zarr")
 
 
+def software_versions() -> dict[str, str]:
+    """Python and the packages that decide numbers, as installed."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue  # an extra that this kind of worker does not carry
+    return found
+
+
 class Provenance(BaseModel):
     """`inputs` keep the inputs of an artifact alive when the store is swept."""
 
@@ -29,7 +40,7 @@ class Provenance(BaseModel):
     inputs: dict[str, ArtifactRef] = {}
     weights: dict[str, str] = {}
     parameters: Annotated[dict[str, JsonValue], BeforeValidator(plain_json)] = {}
-    versions: dict[str, str] = Field(default_factory=lambda: software_versions())
+    versions: dict[str, str] = Field(default_factory=software_versions)
     host: str = Field(default_factory=socket.gethostname)
     started: datetime = Field(default_factory=lambda: datetime.now(UTC))
     seconds: float = 0.0
@@ -40,14 +51,3 @@ class Provenance(BaseModel):
     def finished(self) -> Self:
         """The same, with the seconds since `started`."""
         return self.model_copy(update={"seconds": (datetime.now(UTC) - self.started).total_seconds()})
-
-
-def software_versions() -> dict[str, str]:
-    """Python and the packages that decide numbers, as installed."""
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue  # an extra that this kind of worker does not carry
-    return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from pydantic import BaseModel, ConfigDict, field_validator
+from pydantic import BaseModel, field_validator
 
 from storage_schemas.faults import BadName, Fault
 
@@ -37,10 +37,8 @@ def validate_key(key: str, where: str = "key") -> str:
     return key
 
 
-class Address(BaseModel):
+class Address(BaseModel, frozen=True, extra="forbid"):
     """Where an artifact lies within a store. Raises BadName."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     actor: str
     sequence: str
@@ -61,7 +59,7 @@ class Address(BaseModel):
         return f"{self.actor}/{self.sequence}/{self.stage}/{self.key}"
 
 
-class ArtifactRef(Address):
+class ArtifactRef(Address, frozen=True):
     """What one stage hands to the next: an address, the store's folder, and the SHA-256 of the artifact's manifest.
 
     The digest is what is trusted. `store` says where the artifact was found and may be another path on another machine.

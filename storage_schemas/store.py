@@ -15,6 +15,7 @@ Limit: a POSIX file system. On an object store, which has no rename, the manifes
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from datetime import timedelta
 from pathlib import Path
@@ -123,11 +124,11 @@ class Store:
         """Lets go of a pinned artifact."""
         pointers.remove_pin(self.root, ref)
 
-    def list(self, actor: str | None = None, sequence: str | None = None, stage: str | None = None) -> list[Entry]:
+    def list(self, actor: str | None = None, sequence: str | None = None, stage: str | None = None) -> Sequence[Entry]:
         """Every artifact, damaged ones included, sorted by address."""
         return [self._entry(address) for address in addresses(self.root, actor, sequence, stage)]
 
-    def verify(self, ref: Address | None = None) -> list[Fault]:
+    def verify(self, ref: Address | None = None) -> Sequence[Fault]:
         """Reads every byte of one artifact, or of all; what is wrong, empty when all is as published."""
         wanted = addresses(self.root) if ref is None else [ref]
         return [fault for address in wanted for fault in self._faults(address)]
@@ -148,7 +149,7 @@ class Store:
             return Entry(address=address, digest=None, schema_name=None, schema_version=None, bytes=size)
         return Entry(address=address, digest=digest, schema_name=manifest.schema_name, schema_version=manifest.schema_version, bytes=size)
 
-    def _faults(self, address: Address) -> list[Fault]:
+    def _faults(self, address: Address) -> Sequence[Fault]:
         folder = self.folder(address)
         try:
             manifest, digest = Manifest.read(folder)

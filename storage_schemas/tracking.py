@@ -33,6 +33,6 @@ class Tracking(Record, name="tracking", version=1):
 
     def faults(self) -> list[Fault]:
         """A vertex that is seen has a place."""
-        if np.isfinite(self.vertices).all(-1)[self.seen].all():
+        if (np.isfinite(self.vertices).all(axis=-1) | ~self.seen).all():
             return []
         return [self.fault("vertices", "is not finite where `seen` is true", "set `seen` to false there")]

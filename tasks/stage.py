@@ -119,6 +119,7 @@ class Stage:
             return Outcome(ref, True, time.perf_counter() - start)
         with store.lease(actor, sequence, self.name, key, seconds=LEASE_S, wait=self.timeout_s):
             if (ref := store.find(actor, sequence, self.name, key)) is not None:  # another process published it while we waited
+                store.set_latest(ref)
                 return Outcome(ref, True, time.perf_counter() - start)
             job = Job(actor, sequence, recording, store.checkpoint_dir(actor, sequence, self.name, key), progress, warn)
             opened = {name: store.open(ref, self.reads[name]) for name, ref in inputs.items()}

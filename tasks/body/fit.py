@@ -34,7 +34,7 @@ LOST = 0.02  # of the image's long side: median error from which a frame is fitt
 class BodyMotion:
     """pose [frame,55,3] rad; shape [S]; expression [frame,E]; translation [frame,3] m; vertices [frame,V,3] and joints [frame,55,3] m;
     transforms [frame,55,4,4] from rest to world; reprojection_px [frame,camera,133] (NaN where nothing was detected); converged [frame];
-    `ending` says how the fit went. scale multiplies everything after translation, as in PhysAvatar's released fits; metric cameras leave it at 1."""
+    `ending` says how the fit went. scale multiplies everything after translation, as in PhysAvatar's fits; metric cameras leave it at 1."""
 
     pose: Array
     shape: Array

@@ -24,7 +24,7 @@ METRES_PER_UNIT = 0.1  # the files are in decimetres, y up, facing +z
 PARTS = ("body", "helper-l-eye", "helper-r-eye")
 TRAITS = {
     "race": ("african", "asian", "caucasian"),
-    "gender": ("female", "male"),
+    "gender": ("male", "female"),
     "age": ("young", "old"),
     "muscle": ("minmuscle", "averagemuscle", "maxmuscle"),
     "weight": ("minweight", "averageweight", "maxweight"),

@@ -10,8 +10,10 @@ package. Limits: 10 shape and 10 expression coefficients unless asked for more; 
 in smplx); rotation is about the pelvis joint, not the origin (EasyMocap files differ, see their `Rh`, `Th`).
 """
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,11 +162,12 @@ def _along(directions: Array, coefficients: Array) -> Array:
 def _read(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         refuse([Fault(str(path), "no such file", REMEDY)])
+    if not is_zipfile(path):
+        refuse([Fault(str(path), "not an .npz", REMEDY)])
     try:
         with np.load(path, allow_pickle=False) as stored:
-            wanted = [key for key in (*ARRAYS, "vertex_ids", "vertex_id_names") if key in stored]
-            arrays = {key: stored[key] for key in wanted}
-    except (ValueError, OSError) as error:
+            arrays = {key: stored[key] for key in (*ARRAYS, "vertex_ids", "vertex_id_names") if key in stored}
+    except (ValueError, OSError, EOFError, BadZipFile, zlib.error) as error:  # whatever a cut or altered archive makes numpy raise
         refuse([Fault(str(path), f"not a readable .npz of plain arrays ({error})", REMEDY)])
     refuse(_faults(arrays, str(path)))
     return arrays

@@ -16,6 +16,7 @@ from tasks.body.skeleton import FINGERS, PARENTS
 
 COMPONENTS = 10  # of shape and of expression, as smplx reads from small files
 ADULTS = 100
+HEIGHT = 0.375  # trait of height that makes the average adult 1.70 m tall
 NOT_EXPRESSIONS = ("jaw", "eyeLook", "tongue")  # jaw and eyes turn by joints; there is no tongue
 CARRIERS = 300  # vertices that may carry a joint, drawn from all within REACH times the distance from joint to skin
 REACH = 6.0
@@ -29,12 +30,12 @@ class Person:
     joints: np.ndarray
 
 
-def random_traits(count: int = ADULTS, seed: int = 0) -> list[dict]:
-    """Traits of random adults for `MakeHuman.shape`: young rather than old, of every build."""
+def random_traits(count: int = ADULTS, *, seed: int = 0, height: float = HEIGHT) -> list[dict]:
+    """Traits of random adults for `MakeHuman.shape`: young rather than old, of every build, 1.7 m tall give or take 0.1."""
     rng = np.random.default_rng(seed)
-    near_half = {"muscle": 0.2, "weight": 0.2, "height": 0.2, "proportions": 0.25}
+    normal = {"muscle": (0.5, 0.2), "weight": (0.5, 0.2), "height": (height, 0.08), "proportions": (0.5, 0.25)}
     return [
-        {name: np.clip(rng.normal(0.5, spread), 0, 1) for name, spread in near_half.items()}
+        {name: np.clip(rng.normal(mean, spread), 0, 1) for name, (mean, spread) in normal.items()}
         | {"gender": rng.uniform(), "age": min(abs(rng.normal(0, 0.3)), 1), "race": rng.dirichlet(np.ones(3))}
         for _ in range(count)
     ]
@@ -50,9 +51,11 @@ def expression_space(actions: dict[str, np.ndarray]) -> np.ndarray:
     return _principal(np.array([offset for name, offset in actions.items() if not name.startswith(NOT_EXPRESSIONS)]))
 
 
-def joint_regressor(average: Person, adults: list[Person], weights: np.ndarray) -> np.ndarray:
-    """Weights [55,V] ≥ 0, each row summing to 1, on vertices near the joint and moved by it or its parent."""
-    people = [average, *adults]
+def joint_regressor(average: Person, people: list[Person], weights: np.ndarray) -> np.ndarray:
+    """Weights [55,V] ≥ 0, each row summing to 1, on vertices near the joint of the average person and moved by it or its parent.
+
+    The people should be of height 0.5: away from it MakeHuman's bone heads slide along the skin, by 4 cm at the knee for 0.2.
+    """
     regressor = np.zeros((len(PARENTS), len(average.vertices)))
     rng = np.random.default_rng(0)
     for j, parent in enumerate(PARENTS):

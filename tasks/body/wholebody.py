@@ -30,11 +30,12 @@ KEYPOINT = {name: k for k, name in enumerate(NAMES)}
 BODY_AND_FEET, FACE_68, LEFT_HAND, RIGHT_HAND = np.arange(23), np.arange(23, 91), np.arange(91, 112), np.arange(112, 133)
 
 _LIMBS = [
-    "left_ankle-left_knee", "left_knee-left_hip", "right_ankle-right_knee", "right_knee-right_hip", "left_hip-right_hip", "left_shoulder-
-    left_hip", "right_shoulder-right_hip", "left_shoulder-right_shoulder", "left_shoulder-left_elbow", "right_shoulder-right_elbow",
-    "left_elbow-left_wrist", "right_elbow-right_wrist", "left_eye-right_eye", "nose-left_eye", "nose-right_eye", "left_eye-left_ear",
-    "right_eye-right_ear", "left_ear-left_shoulder", "right_ear-right_shoulder", "left_ankle-left_big_toe", "left_ankle-left_small_toe",
-    "left_ankle-left_heel", "right_ankle-right_big_toe", "right_ankle-right_small_toe", "right_ankle-right_heel",
+    "left_ankle-left_knee", "left_knee-left_hip", "right_ankle-right_knee", "right_knee-right_hip", "left_hip-right_hip",
+    "left_shoulder-left_hip", "right_shoulder-right_hip", "left_shoulder-right_shoulder", "left_shoulder-left_elbow",
+    "right_shoulder-right_elbow", "left_elbow-left_wrist", "right_elbow-right_wrist", "left_eye-right_eye", "nose-left_eye",
+    "nose-right_eye", "left_eye-left_ear", "right_eye-right_ear", "left_ear-left_shoulder", "right_ear-right_shoulder",
+    "left_ankle-left_big_toe", "left_ankle-left_small_toe", "left_ankle-left_heel", "right_ankle-right_big_toe",
+    "right_ankle-right_small_toe", "right_ankle-right_heel",
 ]  # fmt: skip
 LIMBS = np.array(
     [[KEYPOINT[name] for name in limb.split("-")] for limb in _LIMBS]

@@ -68,11 +68,18 @@ def _camera(camera: ET.Element, where: str) -> tuple:
                 )
             ]
         )
-    fu, fv, cu, cv = (float(lens[k]) / SUBPIXELS for k in LENS)
+    fu, fv, cu, cv = (_number(lens[k]) / SUBPIXELS for k in LENS)
     K = np.array([[fu, 0, cu + 0.5], [0, fv, cv + 0.5], [0, 0, 1]])
-    R = np.diag([1.0, -1, -1]) @ np.array([[float(pose[f"r{i}{j}"]) for j in (1, 2, 3)] for i in (1, 2, 3)])
-    C = np.array([float(pose[axis]) for axis in "xyz"]) / 1000
+    R = np.diag([1.0, -1, -1]) @ np.array([[_number(pose[f"r{i}{j}"]) for j in (1, 2, 3)] for i in (1, 2, 3)])
+    C = np.array([_number(pose[axis]) for axis in "xyz"]) / 1000
     size = [int(view["right"]) - int(view["left"]) + 1, int(view["bottom"]) - int(view["top"]) + 1]
     if not (0 < size[0] <= 20_000 and 0 < size[1] <= 20_000):
         raise ValueError(f"{size[0]} x {size[1]} pixels")
-    return name, K, R, -R @ C, size, [float(lens.get(k, 0)) for k in DISTORTION]
+    return name, K, R, -R @ C, size, [_number(lens.get(k, "0")) for k in DISTORTION]
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not abs(value) < 1e9:
+        raise ValueError(f"{text[:40]!r} is no number of a camera")
+    return value

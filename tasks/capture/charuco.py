@@ -10,14 +10,13 @@ Limits: k3 = 0; every camera needs `MIN_VIEWS` boards in different tilts, and a 
 must be synchronised, or the board at rest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.sparse import csr_array
 
 from tasks.capture.rig_calibration import RigCalibration, levelled, moved
 from tasks.geometry.cameras import Cameras, project
@@ -25,6 +24,7 @@ from tasks.geometry.faults import Fault, refuse
 from tasks.geometry.rotations import matrix_from_axis_angle
 
 Array = NDArray[np.float64]
+Boards = tuple[Array, Array]  # R [frame, 3, 3] and t [frame, 3] of x = R x_board + t
 MIN_VIEWS = 3  # Zhang's method needs two; the third tells a good one from a bad one
 MIN_CORNERS = 8  # per view: a pose and something to check it by
 LENS, POSE = 8, 6  # fx fy cx cy k1 k2 p1 p2; rotation vector and translation
@@ -70,15 +70,30 @@ def calibrate_charuco(
     `floor_frame` is a frame in which the board lies on the floor: its plane becomes y = 0 and its first corner's square the origin.
     Raises BadInput for cameras that saw too little or share no board with the others.
     """
-    uv = np.where((np.isfinite(uv).all(-1).sum(-1) >= MIN_CORNERS)[..., None, None], uv, np.nan)
-    X, views = board.corners(), np.isfinite(uv).all(-1).any(-1)
+    X = board.corners()
+    uv = np.stack([[_plausible(frame, X, 0.01 * max(s)) for frame in frames] for frames, s in zip(uv, size, strict=True)])
+    views = np.isfinite(uv).all(-1).any(-1)
     refuse(_view_faults(views, names, floor_frame))
     rig = _lenses(uv, X, tuple(names), np.asarray(size, np.int32))
     rig, boards = _chain(rig, uv, X)
     rig, boards = _adjust(rig, boards, uv, X)
     error = np.linalg.norm(_reproject(rig, boards, X) - uv, axis=-1)
-    world = levelled(rig) if floor_frame is None else _on_floor(rig, *boards[floor_frame])
+    world = levelled(rig) if floor_frame is None else _on_floor(rig, boards[0][floor_frame], boards[1][floor_frame])
     return RigCalibration(world, np.sqrt(np.nanmean(error**2, axis=(1, 2))), np.isfinite(error).sum((1, 2)))
+
+
+def _plausible(uv: Array, X: Array, tolerance: float) -> Array:
+    """One view's corners without those that no picture of a plane explains to `tolerance` px; none if too few are left.
+
+    The tolerance leaves room for the bend of a lens within one board; the soft loss deals with what is smaller.
+    """
+    seen, kept = np.isfinite(uv).all(-1), np.full_like(uv, np.nan)
+    if np.count_nonzero(seen) >= MIN_CORNERS:
+        H, inlier = cv2.findHomography(X[seen, :2], uv[seen], cv2.RANSAC, tolerance)
+        good = np.flatnonzero(seen)[np.ravel(inlier) > 0] if H is not None else []
+        if len(good) >= MIN_CORNERS:
+            kept[good] = uv[good]
+    return kept
 
 
 def _view_faults(views: NDArray[np.bool_], names: Sequence[str], floor_frame: int | None) -> list[Fault]:
@@ -114,7 +129,7 @@ def _lenses(uv: Array, X: Array, names: tuple[str, ...], size: NDArray[np.int32]
     return Cameras(names, K, np.tile(np.eye(3), (len(names), 1, 1)), np.zeros((len(names), 3)), size, distortion)
 
 
-def _chain(rig: Cameras, uv: Array, X: Array) -> tuple[Cameras, list[tuple[Array, Array]]]:
+def _chain(rig: Cameras, uv: Array, X: Array) -> tuple[Cameras, Boards]:
     """Poses of cameras, and of the board per frame, in the first camera's axes; the strongest pair with one placed side goes first."""
     weight = np.isfinite(uv).all(-1).sum(-1)
     cameras, boards = {0: (np.eye(3), np.zeros(3))}, {}
@@ -132,23 +147,25 @@ def _chain(rig: Cameras, uv: Array, X: Array) -> tuple[Cameras, list[tuple[Array
             cameras[k] = (R @ B.T, t - R @ B.T @ b)
     R, t = (np.stack([cameras[k][i] for k in range(len(rig))]) for i in (0, 1))
     unseen = (np.eye(3), np.array([0.0, 0, 1]))
-    return replace(rig, R=R, t=t), [boards.get(f, unseen) for f in range(uv.shape[1])]
+    listed = [boards.get(f, unseen) for f in range(uv.shape[1])]
+    return replace(rig, R=R, t=t), (np.stack([R for R, _ in listed]), np.stack([t for _, t in listed]))
 
 
 def _board_pose(rig: Cameras, k: int, uv: Array, X: Array) -> tuple[Array, Array]:
     seen = np.isfinite(uv).all(-1)
     K = rig.K[k] - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    _, r, t = cv2.solvePnP(X[seen], uv[seen] - 0.5, K, rig.distortion[k], flags=cv2.SOLVEPNP_IPPE)
+    # not SOLVEPNP_IPPE: OpenCV 5.0.0 was seen to return a pose 109° off for exact corners of a board on the floor
+    _, r, t = cv2.solvePnP(X[seen], uv[seen] - 0.5, K, rig.distortion[k], flags=cv2.SOLVEPNP_ITERATIVE)
     return cv2.Rodrigues(r)[0], np.ravel(t)
 
 
-def _adjust(rig: Cameras, boards: list[tuple[Array, Array]], uv: Array, X: Array) -> tuple[Cameras, list[tuple[Array, Array]]]:
+def _adjust(rig: Cameras, boards: Boards, uv: Array, X: Array) -> tuple[Cameras, Boards]:
     """Bundle adjustment of everything at once; rotations as exp([ω]ₓ) R₀, the first camera fixed."""
     seen, n = np.isfinite(uv).all(-1), len(rig)
-    start = np.zeros((LENS + POSE) * n + POSE * len(boards))
+    start = np.zeros((LENS + POSE) * n + POSE * len(boards[0]))
     start[: LENS * n] = np.concatenate([rig.K[:, [0, 1], [0, 1]], rig.K[:, :2, 2], rig.distortion[:, :4]], axis=1).ravel()
 
-    def unpack(p: Array) -> tuple[Cameras, list[tuple[Array, Array]]]:
+    def unpack(p: Array) -> tuple[Cameras, Boards]:
         lens, pose, board = (
             p[: LENS * n].reshape(n, LENS),
             p[LENS * n : (LENS + POSE) * n].reshape(n, POSE),
@@ -158,40 +175,37 @@ def _adjust(rig: Cameras, boards: list[tuple[Array, Array]], uv: Array, X: Array
         K[:, 0, 0], K[:, 1, 1], K[:, :2, 2] = lens[:, 0], lens[:, 1], lens[:, 2:4]
         free = np.arange(n)[:, None] > 0
         R, t = matrix_from_axis_angle(pose[:, :3] * free) @ rig.R, rig.t + pose[:, 3:] * free
-        moved_boards = [(matrix_from_axis_angle(b[:3]) @ R0, t0 + b[3:]) for b, (R0, t0) in zip(board, boards, strict=True)]
-        return replace(rig, K=K, R=R, t=t, distortion=np.pad(lens[:, 4:], ((0, 0), (0, 1)))), moved_boards
+        held = matrix_from_axis_angle(board[:, :3]) @ boards[0], boards[1] + board[:, 3:]
+        return replace(rig, K=K, R=R, t=t, distortion=np.pad(lens[:, 4:], ((0, 0), (0, 1)))), held
 
     def residual(p: Array) -> Array:
         return np.nan_to_num((_reproject(*unpack(p), X) - uv)[seen], nan=1e3).ravel()  # a corner behind its camera is as wrong as can be
 
-    found = least_squares(
-        residual,
-        start,
-        jac_sparsity=_sparsity(seen),
-        x_scale="jac",
-        loss="soft_l1",
-        f_scale=1.0,
-        method="trf",
-        ftol=1e-10,
-        xtol=1e-10,
-        max_nfev=200,
-    )
+    def jacobian(p: Array) -> Array:
+        return _differences(residual, p, seen)
+
+    found = least_squares(residual, start, jacobian, x_scale="jac", loss="soft_l1", f_scale=1.0, ftol=1e-9, xtol=1e-9, max_nfev=200)
     return unpack(found.x)
 
 
-def _sparsity(seen: NDArray[np.bool_]) -> csr_array:
-    """A corner's two residuals depend on its camera's lens and pose and its frame's board."""
+def _differences(residual: Callable[[Array], Array], p: Array, seen: NDArray[np.bool_]) -> Array:
+    """Forward differences. A corner depends on its camera's lens and pose and its frame's board: 20 probes serve all parameters."""
     k, f, _ = (np.repeat(i, 2) for i in np.nonzero(seen))
-    n = seen.shape[0]
-    blocks = ((LENS * k, LENS), (LENS * n + POSE * k, POSE), ((LENS + POSE) * n + POSE * f, POSE))
-    columns = np.concatenate([first[:, None] + np.arange(width) for first, width in blocks], axis=1)
-    rows = np.repeat(np.arange(len(k)), columns.shape[1])
-    return csr_array((np.ones(columns.size, int), (rows, columns.ravel())), shape=(len(k), (LENS + POSE) * n + POSE * seen.shape[1]))
+    n, rows = len(seen), np.arange(2 * np.count_nonzero(seen))
+    J, r = np.zeros((len(rows), len(p))), residual(p)
+    for first, width, owner in ((0, LENS, k), (LENS * n, POSE, k), ((LENS + POSE) * n, POSE, f)):
+        for i in range(width):
+            columns = first + width * np.arange(owner.max() + 1) + i
+            h = np.zeros(len(p))
+            h[columns] = 1e-6 * np.maximum(1, np.abs(p[columns]))
+            J[rows, columns[owner]] = (residual(p + h) - r) / h[columns[owner]]
+    return J
 
 
-def _reproject(rig: Cameras, boards: list[tuple[Array, Array]], X: Array) -> Array:
+def _reproject(rig: Cameras, boards: Boards, X: Array) -> Array:
     """uv [camera, frame, corner, 2]."""
-    return project(rig, np.stack([X @ R.T + t for R, t in boards]))[0]
+    R, t = boards
+    return project(rig, np.einsum("fij,cj->fci", R, X) + t[:, None])[0]
 
 
 def _on_floor(rig: Cameras, R: Array, t: Array) -> Cameras:

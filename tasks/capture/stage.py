@@ -28,16 +28,20 @@ class CaptureParameters(Parameters):
 @stage("capture", version=1, pool="vision", timeout_s=3600)
 def capture(job: Job, parameters: CaptureParameters) -> Capture:
     """Check the recording as a whole, then keep what the later stages need to find and trust its pictures."""
+    recording = read_recording(parameters)
+    for warning in recording.warnings:
+        job.warn(warning)
+    return _as_record(recording, Path(parameters.recording))
+
+
+def read_recording(parameters: CaptureParameters) -> Recording:
+    """The recording in its layout; raises BadInput with every fault found."""
     folder = Path(parameters.recording)
     calibration = sorted(p for pattern in VIDEO_CALIBRATIONS for p in folder.glob(pattern))
     if parameters.layout == "video" or (parameters.layout == "auto" and calibration):
         where = calibration[0] if calibration else folder
-        recording = read_calibrated_video(where, folder=folder, cameras=parameters.cameras, frames=parameters.frames)
-    else:
-        recording = read_actorshq(folder, scale=parameters.scale, cameras=parameters.cameras, frames=parameters.frames)
-    for warning in recording.warnings:
-        job.warn(warning)
-    return _as_record(recording, folder)
+        return read_calibrated_video(where, folder=folder, cameras=parameters.cameras, frames=parameters.frames)
+    return read_actorshq(folder, scale=parameters.scale, cameras=parameters.cameras, frames=parameters.frames)
 
 
 def _as_record(recording: Recording, folder: Path) -> Capture:

@@ -11,7 +11,14 @@ from types import ModuleType
 
 OLDEST_LLVM = 15
 FAVOURITES = (19, 16, 15)  # tested; others newer than OLDEST_LLVM are tried after these
-FOLDERS = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/local/lib", "/usr/lib", "/opt/homebrew/opt/llvm/lib")
+FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/local/lib",
+    "/usr/lib",
+    "/opt/homebrew/opt/llvm/lib",
+)
 
 
 def load_mitsuba(variant: str = "llvm_ad_rgb", *, threads: int | None = None) -> ModuleType:
@@ -33,7 +40,9 @@ def load_mitsuba(variant: str = "llvm_ad_rgb", *, threads: int | None = None) ->
 def find_llvm(folders: tuple[str, ...] = FOLDERS) -> Path:
     """Path of the libLLVM to use. Raises RuntimeError naming the package if there is none of version 15 or newer."""
     places = [Path(folder) for folder in folders] + sorted(Path("/usr/lib").glob("llvm-*/lib"))
-    found = {version: path for folder in reversed(places) for path in sorted(folder.glob("libLLVM*")) if (version := _version(path)) is not None}
+    found = {
+        version: path for folder in reversed(places) for path in sorted(folder.glob("libLLVM*")) if (version := _version(path)) is not None
+    }
     usable = [version for version in (*FAVOURITES, *sorted(found, reverse=True)) if version in found and version >= OLDEST_LLVM]
     if not usable:
         seen = f" (found only version {', '.join(map(str, sorted(found)))})" if found else ""

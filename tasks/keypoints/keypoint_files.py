@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def _read_npz(path: Path, cameras: int) -> np.ndarray:
         with np.load(path, allow_pickle=False) as stored:
             names = list(stored)
             keypoints = np.asarray(stored["keypoints"], float) if "keypoints" in stored else None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise BadInput([Fault(str(path), f"not a readable .npz of plain arrays ({error})", remedy)]) from error
     if keypoints is None:
         refuse([Fault(str(path), f"holds {', '.join(names) or 'nothing'}, no array `keypoints`", remedy)])

@@ -64,20 +64,20 @@ class WholeBodyNet(nn.Module):
 
 
 class SimccNet(nn.Module):
-    """What is exported: image [batch,3,256,192] -> simcc_x [batch,133,384], simcc_y [batch,133,512], 1 at the peak of a sure keypoint."""
+    """What is exported: image [batch,3,h,w] -> simcc_x [batch,133,2w], simcc_y [batch,133,2h], 1 at the peak of a sure keypoint."""
 
-    def __init__(self, net: WholeBodyNet):
+    def __init__(self, net: WholeBodyNet, size: tuple[int, int] = INPUT_SIZE):
         super().__init__()
-        self.net = net
+        self.net, self.size = net, size
         for head, (stride, target_σ, σ) in enumerate(zip(STRIDES, TARGET_σ, SMOOTHING_σ)):
-            for axis, length in zip("xy", INPUT_SIZE):
+            for axis, length in zip("xy", size):
                 self.register_buffer(f"{axis}{head}", bins_from_cells(length, stride=stride, target_σ=target_σ, σ=σ), persistent=False)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """SimCC outputs."""
         x, y = [], []
         for head, logits in enumerate(self.net(image)):
-            width, height = (length // STRIDES[head] for length in INPUT_SIZE)
+            width, height = (length // STRIDES[head] for length in self.size)
             probability = torch.softmax(logits, 2)[:, :, :-1].unflatten(2, (height, width))
             x.append(probability.sum(2) @ getattr(self, f"x{head}"))
             y.append(probability.sum(3) @ getattr(self, f"y{head}"))

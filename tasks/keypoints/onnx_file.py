@@ -17,13 +17,13 @@ OPSET = 17
 STORED_HALF = 1024  # initialisers with at least this many numbers are stored in float16
 
 
-def write_onnx(net: WholeBodyNet, path: Path) -> None:
-    """Write `net` (in evaluation mode, whatever mode it is in now) to `path`; input `input`, outputs `simcc_x`, `simcc_y`."""
-    model = SimccNet(copy.deepcopy(net)).eval().to(memory_format=torch.contiguous_format)
+def write_onnx(net: WholeBodyNet, path: Path, *, size: tuple[int, int] = INPUT_SIZE) -> None:
+    """Write `net` for crops of `size` (in evaluation mode, whatever mode it is in now) to `path`; input `input`, outputs `simcc_x`, `simcc_y`."""
+    model = SimccNet(copy.deepcopy(net), size).eval().to(memory_format=torch.contiguous_format)
     aside = path.with_suffix(".tmp.onnx")
     torch.onnx.export(
         model,
-        (torch.zeros(1, 3, INPUT_SIZE[1], INPUT_SIZE[0]),),
+        (torch.zeros(1, 3, size[1], size[0]),),
         str(aside),
         input_names=["input"],
         output_names=["simcc_x", "simcc_y"],

@@ -20,6 +20,7 @@ from tasks.geometry.cameras import Cameras, project, triangulate
 NOWHERE = np.full(4, np.nan)
 THRESHOLD = 22.0  # grey levels of 255, the largest channel's difference: above compression noise, below skin against wall
 LOW, HIGH = 0.25, 0.5  # scores: a keypoint counts for a box; a keypoint is sure
+LEAST_PIXELS = 60  # at the working height: a forearm
 WORKING_HEIGHT = 270  # [px] pictures are compared at this height
 
 
@@ -37,7 +38,7 @@ def box_from_keypoints(uv: np.ndarray, score: np.ndarray, *, fallback: np.ndarra
     if sure.sum() < 6:
         return fallback
     low, high = uv[:23][sure].min(0), uv[:23][sure].max(0)
-    margin = 0.06 * (high - low).max()
+    margin = 0.08 * (high - low).max()
     return np.concatenate(
         [low - margin - [0, 0.5 * margin], high + margin]
     )  # the head reaches higher above the eyes than feet below ankles
@@ -54,11 +55,11 @@ def moving_boxes(frames: list[np.ndarray], median: np.ndarray, *, count: int = 3
         on = cv2.morphologyEx((difference > THRESHOLD).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
         # a body shows as pieces where skin and wall are alike: join pieces closer than a tenth of the picture's height
         joined = cv2.morphologyEx(on, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (27, 27)))
-        _, label, stats, _ = cv2.connectedComponentsWithStats(joined)
-        energy = np.bincount(label[on > 0], minlength=len(stats))
+        count_of_pieces, label = cv2.connectedComponents(joined)
+        energy = np.bincount(label[on > 0], minlength=count_of_pieces)
         energy[0] = 0
-        chosen = [k for k in np.argsort(-energy)[:count] if energy[k] > 60]
-        boxes.append(np.array([[x, y, x + w, y + h] for x, y, w, h, _ in stats[chosen]], float).reshape(-1, 4) / scale)
+        chosen = [k for k in np.argsort(-energy)[:count] if energy[k] > LEAST_PIXELS]
+        boxes.append(np.array([box_from_mask((label == k) & (on > 0)) for k in chosen]).reshape(-1, 4) / scale)
     return boxes
 
 

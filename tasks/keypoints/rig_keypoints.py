@@ -53,7 +53,7 @@ def follow_motion(detector: Detector, cameras: Cameras, frames: Iterable[list[np
             second = detector.detect([images[c] for c in again], boxes=mended[again], refine=1)
             detections.uv[again], detections.score[again] = second.uv, second.score
         found.append((detections, mended))
-        boxes = np.stack([box_from_keypoints(uv, s, fallback=box) for uv, s, box in zip(detections.uv, detections.score, mended)])
+        boxes = next_boxes(cameras, detections, mended)
     return _stacked(found)
 
 
@@ -77,6 +77,19 @@ def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale:
         x, residual = triangulate(cameras, uv, weight)
         weight = np.where(np.isfinite(residual), score / (1 + (residual / scale) ** 2), 0.0)
     return x, residual
+
+
+def next_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
+    """Where to look in the next frame [camera,4]: around a view's own body keypoints and around where all views together see them.
+
+    A limb that one view has lost, at the edge of its box, say, comes back by the others.
+    """
+    own = np.stack([box_from_keypoints(uv, score, fallback=box) for uv, score, box in zip(found.uv, found.score, boxes)])
+    diagonal = np.nanmedian(np.linalg.norm(own[:, 2:] - own[:, :2], axis=1))
+    x, _ = agreed_points(cameras, found.uv[:, BODY], found.score[:, BODY], scale=CAUCHY_SCALE * diagonal)
+    uv, _ = project(cameras, x)
+    common = np.stack([box_from_keypoints(p, np.isfinite(p[:, 0]).astype(float), fallback=box) for p, box in zip(uv, own)])
+    return np.concatenate([np.minimum(own[:, :2], common[:, :2]), np.maximum(own[:, 2:], common[:, 2:])], axis=1)
 
 
 def agreed_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:

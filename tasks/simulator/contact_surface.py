@@ -24,6 +24,8 @@ class ContactSurface:
         self, cloth: Cloth, collider: Collider, collider_rest: Array, *, barrier_distance: float, offset: float = 0.0, area_weighting: bool = True
     ) -> None:
         """barrier_distance d̂ [m]: surfaces closer than offset + d̂ repel; offset [m]: they never come closer than this."""
+        ipctk.set_num_threads(1)  # sums in a fixed order: the same input gives the same bits
+        ipctk.set_logger_level(ipctk.LoggerLevel.error)
         self.cloth_size = len(cloth.x_rest)
         self.barrier_distance, self.offset, self.area_weighting = barrier_distance, offset, area_weighting
         faces = np.concatenate([cloth.faces, collider.faces + self.cloth_size]).astype(np.int32)
@@ -75,6 +77,22 @@ class ContactSurface:
     def least_distance(self, X: Array) -> float:
         """Least distance among the pairs at X [m]; infinite when none is near."""
         return float(np.sqrt(self.pairs(X).compute_minimum_distance(self.mesh, X)))
+
+    def tightest(self, X: Array) -> str:
+        """The closest pair at X in words: its vertices, distance and place."""
+        near = self.pairs(X)
+        best, vertices = np.inf, []
+        for pair in (*near.vv_collisions, *near.ev_collisions, *near.ee_collisions, *near.fv_collisions):
+            ids = [i for i in pair.vertex_ids(self.mesh.edges, self.mesh.faces) if i >= 0]
+            squared = pair.compute_distance(X[ids].ravel())
+            if squared < best:
+                best, vertices = squared, ids
+        if not vertices:
+            return "no surfaces are near each other"
+        cloth, collider = [i for i in vertices if i < self.cloth_size], [i - self.cloth_size for i in vertices if i >= self.cloth_size]
+        place = ", ".join(f"{value:.3f}" for value in X[vertices].mean(0))
+        against = f"collider vertices {collider}" if collider else "itself"
+        return f"cloth vertices {cloth} and {against} are {1e3 * np.sqrt(best):.3g} mm apart near ({place}) m"
 
     def intersects(self, X: Array) -> bool:
         """Whether any edge crosses any face at X (exact)."""

@@ -69,100 +69,130 @@ def hinge_shape(cloth: Cloth) -> Array:
     return 3 * np.sum((cloth.x_rest[b] - cloth.x_rest[a]) ** 2, 1) / (first + second)
 
 
-@njit(cache=True, nogil=True)
 def angles(x: Array, hinges: Indices) -> Array:
     """θ [H] rad of each hinge; 0 is flat."""
+    return _angles(x, hinges)
+
+
+def angle_gradients(x: Array, hinges: Indices) -> Array:
+    """∂θ/∂(a, b, c, d) [H, 4, 3] 1/m."""
+    return _angle_gradients(x, hinges)
+
+
+@njit(cache=True, nogil=True)
+def _angles(x, hinges):
     θ = np.empty(len(hinges))
+    e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
     for i in range(len(hinges)):
-        a, b, c, d = x[hinges[i, 0]], x[hinges[i, 1]], x[hinges[i, 2]], x[hinges[i, 3]]
-        e = b - a
-        N1, N2 = _cross(e, c - a), _cross(d - b, e)
-        θ[i] = np.arctan2(_dot(_cross(N1, N2), e), _dot(N1, N2) * np.sqrt(_dot(e, e)))
+        θ[i] = _measure(x, hinges[i], e, w, α)
     return θ
 
 
 @njit(cache=True, nogil=True)
-def angle_gradient(a, b, c, d):
-    """∂θ/∂(a, b, c, d) [4, 3] 1/m, with the two wing vectors w [2, 3] and the factors α [2, 4] before them."""
-    e = b - a
-    length = np.sqrt(_dot(e, e))
-    ê = e / length
-    N1, N2 = _cross(e, c - a), _cross(d - b, e)
-    w, α = np.empty((2, 3)), np.zeros((2, 4))
-    w[0], w[1] = N1 / _dot(N1, N1), N2 / _dot(N2, N2)
-    α[0, 0], α[0, 1], α[0, 2] = _dot(b - c, ê), _dot(c - a, ê), -length
-    α[1, 0], α[1, 1], α[1, 3] = _dot(b - d, ê), _dot(d - a, ê), -length
-    g = np.empty((4, 3))
-    for p in range(4):
-        g[p] = α[0, p] * w[0] + α[1, p] * w[1]
-    return g, w, α
-
-
-@njit(cache=True, nogil=True)
-def angle_hessian(a, b, c, d, w, α):
-    """∂²θ/∂(a, b, c, d)² [12, 12] 1/m²:  Σ over wings  w ⊗ ∂α + α (I − 2 n nᵀ)/|N|² [∂N]."""
-    H = np.zeros((12, 12))
-    e = b - a
-    length = np.sqrt(_dot(e, e))
-    ê = e / length
-    for wing in range(2):
-        o = c if wing == 0 else d
-        slot = 2 + wing
-        pb, pa = (b - o) - _dot(b - o, ê) * ê, (o - a) - _dot(o - a, ê) * ê
-        dα = np.zeros((4, 4, 3))  # ∂α_p/∂x_q
-        dα[slot, 0], dα[slot, 1] = ê, -ê
-        dα[0, 0], dα[0, 1], dα[0, slot] = -pb / length, ê + pb / length, -ê
-        dα[1, 0], dα[1, 1], dα[1, slot] = -ê - pa / length, pa / length, ê
-        sign = 1.0 if wing == 0 else -1.0
-        arm = np.zeros((4, 3))  # ∂N/∂x_q = [arm_q]×
-        arm[0], arm[1], arm[slot] = sign * (o - b), sign * (a - o), sign * e
-        ww = _dot(w[wing], w[wing])
-        for q in range(4):
-            if q == 5 - slot:
-                continue
+def _angle_gradients(x, hinges):
+    G = np.empty((len(hinges), 4, 3))
+    e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
+    for i in range(len(hinges)):
+        _measure(x, hinges[i], e, w, α)
+        for p in range(4):
             for k in range(3):
-                u = np.zeros(3)
-                u[k] = 1.0
-                dN = _cross(arm[q], u)
-                dw = ww * dN - 2 * _dot(w[wing], dN) * w[wing]
-                for p in range(4):
-                    for r in range(3):
-                        H[3 * p + r, 3 * q + k] += w[wing, r] * dα[p, q, k] + α[wing, p] * dw[r]
-    return H
+                G[i, p, k] = α[0, p] * w[0, k] + α[1, p] * w[1, k]
+    return G
 
 
 @njit(cache=True, nogil=True)
 def _gradient(x, hinges, weight, rest_angle):
     G = np.zeros_like(x)
-    θ = angles(x, hinges)
+    e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
     for i in range(len(hinges)):
-        g, _, _ = angle_gradient(x[hinges[i, 0]], x[hinges[i, 1]], x[hinges[i, 2]], x[hinges[i, 3]])
+        moment = 2 * weight[i] * (_measure(x, hinges[i], e, w, α) - rest_angle[i])
         for p in range(4):
-            G[hinges[i, p]] += 2 * weight[i] * (θ[i] - rest_angle[i]) * g[p]
+            for k in range(3):
+                G[hinges[i, p], k] += moment * (α[0, p] * w[0, k] + α[1, p] * w[1, k])
     return G
 
 
 @njit(cache=True, nogil=True)
 def _hessian(x, hinges, weight, rest_angle, convex):
     H = np.empty((len(hinges), 12, 12))
-    θ = angles(x, hinges)
+    e, w, α, g = np.empty(3), np.empty((2, 3)), np.zeros((2, 4)), np.empty(12)
     for i in range(len(hinges)):
-        a, b, c, d = x[hinges[i, 0]], x[hinges[i, 1]], x[hinges[i, 2]], x[hinges[i, 3]]
-        g, w, α = angle_gradient(a, b, c, d)
-        flat = g.ravel()
-        H[i] = 2 * weight[i] * np.outer(flat, flat)
+        moment = 2 * weight[i] * (_measure(x, hinges[i], e, w, α) - rest_angle[i])
+        for p in range(4):
+            for k in range(3):
+                g[3 * p + k] = α[0, p] * w[0, k] + α[1, p] * w[1, k]
+        for r in range(12):
+            for c in range(12):
+                H[i, r, c] = 2 * weight[i] * g[r] * g[c]
         if not convex:
-            H[i] += 2 * weight[i] * (θ[i] - rest_angle[i]) * angle_hessian(a, b, c, d, w, α)
+            _add_angle_hessian(H[i], moment, x, hinges[i], e, w, α)
     return H
 
 
 @njit(cache=True, nogil=True)
-def _cross(a, b):
-    out = np.empty(3)
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return out
+def _measure(x, hinge, e, w, α):
+    """θ of one hinge; fills the edge e [3], the wing vectors w [2, 3] and the factors α [2, 4] of ∂θ = α₀ w₀ + α₁ w₁."""
+    a, b, c, d = hinge
+    length = 0.0
+    for k in range(3):
+        e[k] = x[b, k] - x[a, k]
+        length += e[k] ** 2
+    length = np.sqrt(length)
+    α[0, 0], α[0, 1], α[0, 2] = 0.0, 0.0, -length
+    α[1, 0], α[1, 1], α[1, 3] = 0.0, 0.0, -length
+    for k in range(3):
+        l = (k + 1) % 3
+        m = (k + 2) % 3
+        w[0, k] = e[l] * (x[c, m] - x[a, m]) - e[m] * (x[c, l] - x[a, l])
+        w[1, k] = (x[d, l] - x[b, l]) * e[m] - (x[d, m] - x[b, m]) * e[l]
+        ê = e[k] / length
+        α[0, 0] += (x[b, k] - x[c, k]) * ê
+        α[0, 1] += (x[c, k] - x[a, k]) * ê
+        α[1, 0] += (x[b, k] - x[d, k]) * ê
+        α[1, 1] += (x[d, k] - x[a, k]) * ê
+    n0, n1, cosine, sine = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        l = (k + 1) % 3
+        m = (k + 2) % 3
+        n0 += w[0, k] ** 2
+        n1 += w[1, k] ** 2
+        cosine += w[0, k] * w[1, k]
+        sine += (w[0, l] * w[1, m] - w[0, m] * w[1, l]) * e[k]
+    for k in range(3):
+        w[0, k] /= n0
+        w[1, k] /= n1
+    return np.arctan2(sine, cosine * length)
 
 
 @njit(cache=True, nogil=True)
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _add_angle_hessian(H, moment, x, hinge, e, w, α):
+    """H [12, 12] += moment ∂²θ:  Σ over wings  w ⊗ ∂α + α (|w|² − 2 w wᵀ) [∂N]."""
+    a, b = hinge[0], hinge[1]
+    length = np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2)
+    arm, dα, dw = np.empty((4, 3)), np.zeros((4, 4, 3)), np.empty((3, 3))
+    for wing in range(2):
+        slot = 2 + wing
+        o = hinge[slot]
+        sign = 1.0 if wing == 0 else -1.0
+        ww = w[wing, 0] ** 2 + w[wing, 1] ** 2 + w[wing, 2] ** 2
+        for k in range(3):
+            ê = e[k] / length
+            pb = (x[b, k] - x[o, k] - α[wing, 0] * ê) / length  # parts of the wing's sides across the edge
+            pa = (x[o, k] - x[a, k] - α[wing, 1] * ê) / length
+            dα[slot, 0, k], dα[slot, 1, k], dα[slot, slot, k] = ê, -ê, 0.0
+            dα[0, 0, k], dα[0, 1, k], dα[0, slot, k] = -pb, ê + pb, -ê
+            dα[1, 0, k], dα[1, 1, k], dα[1, slot, k] = -ê - pa, pa, ê
+            arm[0, k], arm[1, k], arm[slot, k] = sign * (x[o, k] - x[b, k]), sign * (x[a, k] - x[o, k]), sign * e[k]  # ∂N = [arm]×
+        for q in (0, 1, slot):
+            for k in range(3):
+                l = (k + 1) % 3
+                m = (k + 2) % 3
+                along = 2 * (w[wing, l] * arm[q, m] - w[wing, m] * arm[q, l])  # arm × unit_k has arm_m at l and −arm_l at m
+                for r in range(3):
+                    dw[r, k] = -along * w[wing, r]
+                dw[l, k] += ww * arm[q, m]
+                dw[m, k] -= ww * arm[q, l]
+            for p in (0, 1, slot):
+                for r in range(3):
+                    for k in range(3):
+                        H[3 * p + r, 3 * q + k] += moment * (w[wing, r] * dα[p, q, k] + α[wing, p] * dw[r, k])

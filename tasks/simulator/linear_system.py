@@ -171,8 +171,7 @@ def _lu(A: csc_matrix) -> Factor:
     from scipy.sparse import tril
     from scipy.sparse.linalg import splu
 
-    full = (A + tril(A, -1).T).tocsc() if (A != A.T).nnz else A
-    factor = splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    factor = splu((tril(A) + tril(A, -1).T).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     # with pivots on the diagonal the signs of U's diagonal are those of the eigenvalues (Sylvester)
     if not (factor.U.diagonal() > 0).all():
         raise NotPositiveDefinite

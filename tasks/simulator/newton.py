@@ -22,6 +22,7 @@ from tasks.simulator.potential import Blocks, Potential, Step
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 CONVERGED = "converged"
+STUCK = 5  # advances in a row of less than 2 % of the way that mean there is no way
 DONE = 1 - 1e-9  # share of the prescribed motion that counts as all of it
 
 
@@ -76,39 +77,66 @@ class Problem:
         free = self.system.free
         return float(np.sqrt(np.mean(np.sum(dx[free] ** 2, 1)))) / step.h
 
-    def factorise(self, x: Array, step: Step, *, convex: bool = False) -> tuple[Factor, list[Blocks | csc_matrix], bool]:
-        """Factor, Hessians and whether they are the convex neighbours, exact ones being tried first unless `convex`."""
-        if not convex:
+    def factorise(self, x: Array, step: Step, patience: "Patience") -> tuple[Factor, list[Blocks | csc_matrix]]:
+        """Factor and Hessians: the exact ones if they are definite (and worth trying), else their convex neighbours."""
+        if patience.try_exact():
             terms = self.hessians(x, step, convex=False)
             try:
-                return self.system.factorise(self.system.assemble(terms)), terms, False
+                factor = self.system.factorise(self.system.assemble(terms))
+                patience.worked()
+                return factor, terms
             except NotPositiveDefinite:
-                pass
+                patience.failed()
         terms = self.hessians(x, step, convex=True)
-        return self.system.factorise(self.system.assemble(terms)), terms, True
+        return self.system.factorise(self.system.assemble(terms)), terms
+
+
+class Patience:
+    """When to try the exact Hessian again after it was indefinite: after 1, 2, 4, then every 8 iterations."""
+
+    def __init__(self) -> None:
+        self._wait, self._pause = 0, 1
+
+    def try_exact(self) -> bool:
+        """Whether this iteration should."""
+        self._wait -= 1
+        return self._wait < 0
+
+    def worked(self) -> None:
+        """It was definite."""
+        self._wait, self._pause = 0, 1
+
+    def failed(self) -> None:
+        """It was not."""
+        self._wait = self._pause
+        self._pause = min(2 * self._pause, 8)
 
 
 def solve(problem: Problem, x: Array, step: Step, *, boundary_target: Array) -> Solution:
     """Minimise from x [V, 3], which is free of contact with the collider at step.collider_n; boundary_target [B, 3] m."""
-    advance = _advance(problem, x, step, boundary_target)
-    if not advance.converged:
-        return advance
-    return _minimise(problem, advance.x, step, advance.iterations)
+    patience = Patience()
+    try:
+        advance = _advance(problem, x, step, boundary_target, patience)
+        if not advance.converged:
+            return advance
+        return _minimise(problem, advance.x, step, advance.iterations, patience)
+    except NotPositiveDefinite:
+        return Solution(x, "the Hessian overflowed: the start is not finite or surfaces touch; see the frame before", 0, np.inf)
 
 
-def _advance(problem: Problem, x: Array, step: Step, target: Array) -> Solution:
+def _advance(problem: Problem, x: Array, step: Step, target: Array, patience: Patience) -> Solution:
     """Carry boundary and collider to where they belong, the cloth answering."""
     B, surface, end = problem.boundary, problem.surface, step.collider
     here = replace(step, collider=step.collider_n)
-    iterations = 0
+    iterations = stuck = 0
     while True:
         Δb, Δc = target - x[B], end - here.collider
         if not (np.any(Δb) or np.any(Δc)):
             return Solution(x, CONVERGED, iterations, np.inf)
-        if iterations >= problem.most_iterations:
+        if iterations >= problem.most_iterations or stuck > STUCK:
             left = max(np.abs(Δb).max(initial=0), np.abs(Δc).max(initial=0))
-            return Solution(x, f"the prescribed motion could not be completed: {left:.2g} m are missing after {iterations} iterations", iterations, np.inf)
-        p = _answer(problem, x, here, Δb, Δc)
+            return Solution(x, _blocked(surface.tightest(surface.join(x, here.collider)), left), iterations, np.inf)
+        p = _answer(problem, x, here, Δb, Δc, patience)
         X, Y = surface.join(x, here.collider), surface.join(x + p, end)
         surface.prepare(X, Y)
         share = surface.free_step(X, Y)
@@ -119,17 +147,22 @@ def _advance(problem: Problem, x: Array, step: Step, target: Array) -> Solution:
             here = step
         else:
             x = x + share * p
+            stuck = stuck + 1 if share < 0.02 else 0
             here = replace(step, collider=here.collider + share * Δc)
             if share < 0.5:
-                x, used = _relax(problem, x, here)
+                x, used = _relax(problem, x, here, patience)
                 iterations += used
 
 
-def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array) -> Array:
+def _blocked(pair: str, left: float) -> str:
+    return f"the prescribed motion is blocked with {1e3 * left:.2g} mm to go: {pair}; keep the collider apart there, or use more substeps"
+
+
+def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array, patience: Patience) -> Array:
     """Newton step [V, 3] that foresees the motion Δ of what is prescribed."""
     fixed = np.zeros_like(x)
     fixed[problem.boundary] = Δb
-    factor, terms, _ = problem.factorise(x, step)
+    factor, terms = problem.factorise(x, step, patience)
     g = problem.gradient(x, step) + _times(terms, fixed, Δc)
     return problem.system.scatter(factor.solve(-problem.system.gather(g))) + fixed
 
@@ -145,16 +178,16 @@ def _times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
     return total
 
 
-def _relax(problem: Problem, x: Array, step: Step) -> tuple[Array, int]:
+def _relax(problem: Problem, x: Array, step: Step, patience: Patience) -> tuple[Array, int]:
     """A few plain Newton steps with everything prescribed held, so that gaps open again."""
     for iteration in range(3):
-        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step))
+        x, moved = _newton_step(problem, x, step, problem.gradient(x, step), patience)
         if moved > 0.5:
             return x, iteration + 1
     return x, 3
 
 
-def _minimise(problem: Problem, x: Array, step: Step, iterations: int) -> Solution:
+def _minimise(problem: Problem, x: Array, step: Step, iterations: int, patience: Patience) -> Solution:
     while True:
         g = problem.gradient(x, step)
         residual = problem.residual(g)
@@ -162,7 +195,7 @@ def _minimise(problem: Problem, x: Array, step: Step, iterations: int) -> Soluti
             return Solution(x, CONVERGED, iterations, residual)
         if iterations >= problem.most_iterations:
             return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
-        x_next, share, _ = _newton_step(problem, x, step, g)
+        x_next, share = _newton_step(problem, x, step, g, patience)
         iterations += 1
         if share == 0:
             return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
@@ -171,9 +204,9 @@ def _minimise(problem: Problem, x: Array, step: Step, iterations: int) -> Soluti
         x = x_next
 
 
-def _newton_step(problem: Problem, x: Array, step: Step, g: Array) -> tuple[Array, float, bool]:
-    """x after one step, the share of it that was taken, and whether the Hessian was convexified."""
-    factor, _, convex = problem.factorise(x, step)
+def _newton_step(problem: Problem, x: Array, step: Step, g: Array, patience: Patience) -> tuple[Array, float]:
+    """x after one step and the share of it that was taken."""
+    factor, _ = problem.factorise(x, step, patience)
     p = problem.system.scatter(factor.solve(-problem.system.gather(g)))
     surface = problem.surface
     X, Y = surface.join(x, step.collider), surface.join(x + p, step.collider)
@@ -186,9 +219,9 @@ def _newton_step(problem: Problem, x: Array, step: Step, g: Array) -> tuple[Arra
         change = problem.energy(y, step) - energy
         # once the promised change drowns in rounding, the energy can no longer judge the step
         if change <= 1e-4 * share * slope or -slope < 1e-11 * abs(energy):
-            return y, share, convex
+            return y, share
         share /= 2
-    return x, 0.0, convex
+    return x, 0.0
 
 
 def _unfinished(problem: Problem, g: Array, residual: float, iterations: int) -> str:

@@ -16,7 +16,8 @@ class Settings:
     acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it.
     velocity_tolerance: it is also done when Newton's step divided by h, root mean square, is below it (C-IPC's rule, 1e-3; 0: never).
     newton_iterations: most iterations per step. halvings: how often a step that fails may be halved.
-    gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts give way there.
+    gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts, or covers a prescribed node, give way there.
+    separate_start: free a start that touches the collider by the smallest move; otherwise such a start ends the simulation with the places.
     """
 
     integrator: Literal["bdf2", "backward_euler"] = "bdf2"
@@ -35,3 +36,4 @@ class Settings:
     halvings: int = 3
     gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
     yield_collider: bool = True
+    separate_start: bool = True

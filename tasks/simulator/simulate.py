@@ -13,9 +13,11 @@ from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.fabric import Fabric
 from tasks.simulator.newton import CONVERGED, Problem, Solution, solve
 from tasks.simulator.potential import Potential, Step
+from tasks.simulator.preflight import Separated, inspect, separate
 from tasks.simulator.settings import Settings
 from tasks.simulator.tangents import Tangents
 from tasks.simulator.time_integration import Rule, State, known, rule
+from tasks.simulator.yielding import Yielded, give_way
 
 Array = NDArray[np.float64]
 
@@ -25,7 +27,8 @@ class Frame:
     """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
-    `collider` [C, 3] is where the collider stood; `seconds` the processor time spent.
+    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the largest
+    move that freed the start from the collider. `seconds`: processor time.
     """
 
     index: int
@@ -35,6 +38,8 @@ class Frame:
     tangents: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     newton_iterations: int = 0
     ending: str = CONVERGED
+    yielded: Yielded = Yielded(np.empty(0))
+    moved: float = 0.0
     seconds: float = 0.0
 
     @property
@@ -70,28 +75,32 @@ def simulate(
     boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
     refuse(_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0))
     problem = base_problem(cloth, fabric, collider, collider_motion[0], settings=settings, potentials=potentials)
-    return _frames(problem, collider_motion, boundary_motion, fps, State(x0, v0, collider_motion[0]), settings, tuple(tangents), start_modes or {})
+    walk = _Walk(problem, cloth, collider, settings)
+    return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {})
 
 
 def _frames(
-    problem: Problem,
+    walk: "_Walk",
     collider_motion: Array,
     boundary_motion: Array,
     fps: float,
-    state: State,
-    settings: Settings,
+    x0: Array,
+    v0: Array,
     names: tuple[str, ...],
     modes: Mapping[str, tuple[Array, Array]],
 ) -> Iterator[Frame]:
-    columns = Tangents(problem, names, modes, state) if names or modes else None
-    walk = _Walk(problem, settings, state, columns)
     clock = time.process_time()
-    yield Frame(0, state.x, state.v, state.collider, columns.named() if columns else {}, seconds=time.process_time() - clock)
+    x0[walk.problem.boundary] = boundary_motion[0]
+    start = walk.start(x0, v0, collider_motion[0])
+    if names or modes:
+        walk.columns = Tangents(walk.problem, names, modes, walk.now)
+    yield walk.report(0, start.ending, 0, clock, moved=start.moved)
+    if start.ending != CONVERGED:
+        return
     for i in range(1, len(collider_motion)):
         clock = time.process_time()
-        ending, iterations = walk.frame(collider_motion[i - 1 : i + 1], boundary_motion[i - 1 : i + 1], (i - 1) / fps, 1 / fps)
-        named = columns.named() if columns else {}
-        yield Frame(i, walk.now.x, walk.now.v, walk.now.collider, named, iterations, ending, time.process_time() - clock)
+        ending, iterations = walk.frame(collider_motion[i], boundary_motion[i - 1 : i + 1], (i - 1) / fps, 1 / fps)
+        yield walk.report(i, ending, iterations, clock)
         if ending != CONVERGED:
             return
 
@@ -99,21 +108,48 @@ def _frames(
 class _Walk:
     """Where the simulation stands: the last two states and the last step."""
 
-    def __init__(self, problem: Problem, settings: Settings, start: State, columns: Tangents | None) -> None:
-        self.problem, self.settings, self.columns = problem, settings, columns
-        self.now = self.before = start
-        self.h_previous: float | None = None
+    columns: Tangents | None = None
+    h_previous: float | None = None
+
+    def __init__(self, problem: Problem, cloth: Cloth, collider: Collider, settings: Settings) -> None:
+        self.problem, self.cloth, self.collider, self.settings = problem, cloth, collider, settings
+
+    def start(self, x: Array, v: Array, collider: Array) -> Separated:
+        """Take the first state, freed from the collider [C, 3] where it must be."""
+        self.now = State(x, v, collider)
+        collider = self._yielded(collider, x[self.cloth.boundary])
+        free = separate(self.problem, self.cloth, self.collider, x, collider) if self.settings.separate_start else self._checked(x, collider)
+        self.now = self.before = State(free.x, v, collider)
+        return free
+
+    def report(self, index: int, ending: str, iterations: int, clock: float, moved: float = 0.0) -> Frame:
+        """The frame as it stands."""
+        now, named = self.now, self.columns.named() if self.columns else {}
+        seconds = time.process_time() - clock
+        return Frame(index, now.x, now.v, now.collider, named, iterations, ending, self.yielded, moved, seconds)
 
     def frame(self, collider: Array, boundary: Array, start: float, duration: float) -> tuple[str, int]:
-        """Go through one frame along collider [2, C, 3] and boundary [2, B, 3]; (ending, Newton iterations)."""
+        """Go through one frame to the collider [C, 3] along boundary [2, B, 3]; (ending, Newton iterations)."""
         n = self.settings.substeps
+        way = np.stack([self.now.collider, self._yielded(collider, boundary[1])])
         iterations = 0
         for k in range(n):
-            ending, used = self._interval(collider, boundary, start, duration, k / n, (k + 1) / n, self.settings.halvings)
+            ending, used = self._interval(way, boundary, start, duration, k / n, (k + 1) / n, self.settings.halvings)
             iterations += used
             if ending != CONVERGED:
                 return f"{ending} (at {start + duration * (k + 1) / n:.4g} s)", iterations
         return CONVERGED, iterations
+
+    def _yielded(self, collider: Array, pins: Array) -> Array:
+        self.yielded = Yielded(np.zeros(len(collider)))
+        if self.settings.yield_collider:
+            clearance = 2 * self.settings.barrier_distance + self.settings.contact_offset
+            collider, self.yielded = give_way(collider, self.collider.faces, cloth=self.now.x, pins=pins, clearance=clearance)
+        return collider
+
+    def _checked(self, x: Array, collider: Array) -> Separated:
+        faults = inspect(self.problem, self.cloth, self.collider, x, collider)
+        return Separated(x, 0.0, "; ".join(map(str, faults)) or CONVERGED)
 
     def _interval(self, collider, boundary, start, duration, a, b, halvings) -> tuple[str, int]:
         """One step from share a to share b of the frame, or two of half its length if it fails."""

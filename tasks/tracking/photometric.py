@@ -1,9 +1,9 @@
 """Photometric term: a point of the surface keeps the colour it had in frame 0, in every camera that sees it.
 
-P(x) = Σ_s Σ_k a_sk Σ_c ½ log(1 + (r/σ)²),  r = I_k,c(π_k(x_s)) − ref_s,k,c,  x_s = Σ_i b_si x_i,  c over R, G, B, mask
+P(x) = Σ_s Σ_k a_sk Σ_c ½ log(1 + (r/σ_c)²),  r = I_k,c(π_k(x_s)) − ref_s,k,c,  x_s = Σ_i b_si x_i,  c over R, G, B, mask
 
 with a the facing cosine, or 0 where the sample is hidden (visibility.py), both held constant. Cauchy's loss, minimised by iterated weights:
-1/(σ²(1 + (r/σ)²)). Row of the Jacobian: b_si ∇I · ∂π/∂x, with u = f_x p₀/p₂ + c_x and p = Rx + t.
+1/(σ_c²(1 + (r/σ_c)²)). Row of the Jacobian: b_si ∇I · ∂π/∂x, with u = f_x p₀/p₂ + c_x and p = Rx + t.
 
 Source: surface-sample form of the image term of PhysAvatar §3.2 (which splats Gaussians); Cauchy weights after Black & Rangarajan (1996).
 Limits: no gradient through occlusion edges (the outline acts through the blurred mask), and shading that changes is not modelled.
@@ -30,17 +30,17 @@ def derivatives(
     cameras: Cameras,
     weight: NDArray[np.float32],
     reference: NDArray[np.float32],
-    sigma: float,
+    sigma: tuple[float, float],
 ) -> tuple[Array, Array, Array]:
     """Energy [F], gradient [F, 3, 3] and Gauss–Newton Hessian [F, 3, 3, 3, 3] by the corners of each face.
 
-    x [V, 3] m; barycentric [n, 3]; weight a [sample, camera]; reference [sample, camera, 4].
+    x [V, 3] m; barycentric [n, 3]; weight a [sample, camera]; reference [sample, camera, 4]; sigma of colour and of mask.
     """
     F = len(faces)
     energy, g, H = np.zeros(F), np.zeros((F, 3, 3)), np.zeros((F, 3, 3, 3, 3))
     K = cameras.K.copy()
     K[:, :2] /= level.scale
-    _fill(x, faces, barycentric, level.pixels, level.offset, level.size, K, cameras.R, cameras.t, weight, reference, sigma, energy, g, H)
+    _fill(x, faces, barycentric, level.pixels, level.offset, level.size, K, cameras.R, cameras.t, weight, reference, sigma[0], sigma[1], energy, g, H)
     return energy, g, H
 
 
@@ -74,7 +74,7 @@ def _into_camera(R, t, y, p):
 
 
 @njit(parallel=True, cache=True)
-def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, reference, sigma, energy, g, H):
+def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, reference, sigma_colour, sigma_mask, energy, g, H):
     n, cameras = len(barycentric), len(K)
     for f in prange(len(faces)):
         y, p, value, du, dv = np.empty(3), np.empty(3), np.empty(4), np.empty(4), np.empty(4)
@@ -96,6 +96,7 @@ def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, referenc
                 uu, uv, vv, ru, rv, product = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
                 for c in range(4):
                     r = value[c] - reference[q, k, c]
+                    sigma = sigma_colour if c < 3 else sigma_mask
                     cauchy = 1.0 + (r / sigma) ** 2
                     w = a / (cauchy * sigma * sigma)
                     uu += w * du[c] * du[c]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault
 from tasks.geometry.meshes import mesh_faults
-from tasks.tracking import noise, photometric, pyramid, reference
-from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, visible
+from tasks.tracking import noise, outline, photometric, pyramid, reference
+from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, look
 from tasks.tracking.pyramid import Images, Level
 from tasks.tracking.settings import Settings
 from tasks.tracking.surface import Shape, Surface, shape, surface
@@ -100,17 +100,18 @@ def _frames(images, masks, cameras, template, faces, frames, part, prediction, o
     cosine = facing_cosines(template, mesh, cameras, occluder=_at(occluder, 0), side=None, facing=settings.facing_reference, settings=settings)
     correct = _colour_correction(template, mesh, levels[-1], cameras, cosine) if settings.camera_gain else lambda level: level
     levels = [correct(level) for level in levels]
+    rims = outline.outlines if masks is not None and settings.sigma_outline is not None else lambda stacked: None
     scene = Scene(mesh, cameras, reference.take(template, mesh, levels, cameras, cosine), settings)
     if start is None:
         state = State(0, template, template)
-        now = Instant(tuple(levels), _shape_at(mesh, template, prediction, 0, settings), _at(occluder, 0))
+        now = Instant(tuple(levels), rims(first), _shape_at(mesh, template, prediction, 0, settings), _at(occluder, 0))
         yield _described(scene, now, _held(scene, now, template), 0), state
     else:
         state = start
     for t in range(state.frame + 1, frames):
         stacked = pyramid.stack(images, masks, t, cameras)
         levels = tuple(correct(pyramid.level(stacked, blur)) for blur in settings.blur_px)
-        now = Instant(levels, _shape_at(mesh, template, prediction, t, settings), _at(occluder, t))
+        now = Instant(levels, rims(stacked), _shape_at(mesh, template, prediction, t, settings), _at(occluder, t))
         found = fit(scene, now, _predicted(state, prediction, t))
         state = State(t, state.last, found.x)
         yield _described(scene, now, found, t), state
@@ -131,9 +132,9 @@ def _predicted(state: State, prediction: Array | None, t: int) -> Array:
 
 def _held(scene: Scene, now: Instant, template: Array) -> Fit:
     """Frame 0: the template as it is."""
-    weight = visible(scene, now, template)
-    _, system = linearise(scene, now, len(now.levels) - 1, template, weight)
-    return Fit(template, weight, system, 0.0, "template")
+    view = look(scene, now, template)
+    _, system = linearise(scene, now, len(now.levels) - 1, template, view)
+    return Fit(template, view.weight, system, 0.0, "template")
 
 
 def _described(scene: Scene, now: Instant, found: Fit, t: int) -> TrackedFrame:

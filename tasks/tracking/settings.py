@@ -9,13 +9,19 @@ class Settings:
 
     blur_px: tuple[float, ...] = (8.0, 4.0, 2.0, 1.0)
     """Standard deviation of the image blur, coarse to fine [px]."""
-    steps: tuple[int, ...] = (6, 6, 5, 8)
+    steps: tuple[int, ...] = (5, 4, 4, 6)
     """Most Gauss–Newton steps at each blur."""
+    look_again: int = 3
+    """Steps taken between two looks at what is visible."""
     settled_px: float = 0.02
     """A blur level ends when the mean step falls below this share of its blur [px per px of blur]."""
     sigma_colour: float = 0.06
-    """Residual that counts as one standard deviation, colour and mask in [0, 1] (Cauchy)."""
-    sigma_strain: float = 0.01
+    """Residual of colours in [0, 1] that counts as one standard deviation (Cauchy)."""
+    sigma_mask: float = 0.2
+    """The same for the mask in [0, 1]: outlines of masks are ragged."""
+    sigma_outline: float | None = 1.0
+    """Distance of the surface's rim from the mask's outline of one standard deviation [px], at least the blur (Cauchy); None leaves the term out."""
+    sigma_strain: float = 0.02
     """Edge strain of one standard deviation, on edges of 24 mm (isometry.py)."""
     sigma_normal: float = 0.3
     """Difference of neighbouring unit normals of one standard deviation."""

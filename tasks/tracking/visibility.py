@@ -37,19 +37,21 @@ class Occluder:
 
 
 def facing_cosines(
-    x: Array, surface: Surface, cameras: Cameras, *, occluder: Occluder | None, side: NDArray[np.int8] | None, facing: float, settings: Settings
+    x: Array, surface: Surface, cameras: Cameras, *, occluder: Occluder | None, side: NDArray[np.int8] | None, facing: float, settings: Settings,
+    own: Sequence[Fragments] | None = None,
 ) -> NDArray[np.float32]:
     """Cosine between face normal and line of sight [sample, camera]: positive on the face's outer side, negative on its inner, 0 where unseen.
 
     x [V, 3] m. `side` [sample] (+1 outer, −1 inner) keeps only views of that side; None keeps both.
+    `own` are the surface's z-buffers at Settings.buffer_scale, where they are at hand.
     """
     seen = np.zeros((surface.samples, len(cameras)), np.float32)
     small = cameras.scaled(settings.buffer_scale)
     tolerance = _tolerances(surface, settings)
     nowhere = np.zeros(surface.samples, np.int8) if side is None else side
     empty = np.full((1, 1), np.inf, np.float32)
-    own = _buffers(small, x, surface.faces)
-    other = [None] * len(cameras) if occluder is None else _buffers(small, occluder.vertices, occluder.faces)
+    own = buffers(small, x, surface.faces) if own is None else own
+    other = [None] * len(cameras) if occluder is None else buffers(small, occluder.vertices, occluder.faces)
     for k, (buffer, veil) in enumerate(zip(own, other, strict=True)):
         depth = empty if veil is None else veil.depth
         _see(
@@ -59,18 +61,19 @@ def facing_cosines(
     return seen
 
 
-def _tolerances(surface: Surface, settings: Settings) -> Array:
-    """Slack [layer of the sample, layer in front of it] m."""
-    τ = settings.depth_tolerance_edges * surface.mean_edge
-    return np.array([[τ, 1e-3], [max(τ, settings.layer_tolerance), τ]])
-
-
-def _buffers(cameras: Cameras, vertices: Array, faces: NDArray[np.int32]) -> Sequence[Fragments]:
+def buffers(cameras: Cameras, vertices: Array, faces: NDArray[np.int32]) -> Sequence[Fragments]:
+    """Z-buffers of a mesh [V, 3] m, [F, 3], one per camera."""
     def one(k: int) -> Fragments:
         return rasterise(cameras.K[k], cameras.R[k], cameras.t[k], cameras.size[k], vertices, faces)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         return list(pool.map(one, range(len(cameras))))
+
+
+def _tolerances(surface: Surface, settings: Settings) -> Array:
+    """Slack [layer of the sample, layer in front of it] m."""
+    τ = settings.depth_tolerance_edges * surface.mean_edge
+    return np.array([[τ, 1e-3], [max(τ, settings.layer_tolerance), τ]])
 
 
 @njit(parallel=True, cache=True)

@@ -1,6 +1,6 @@
 """A surface for frame 0 from masks alone: the visual hull, meshed.
 
-H = {x : every camera k that has x in its image has π_k(x) inside its mask}. The hull is the zero set of the field
+H = {x : every camera k that has x in its image has π_k(x) inside its mask, and at least a given share of all cameras has}. The hull is the zero set of the field
 
 φ(x) = min_k d_k(π_k(x)) z_k(x)/f_k   [m, positive inside]
 
@@ -28,15 +28,16 @@ _EVENING = 8
 
 
 def visual_hull(
-    masks: list[NDArray], cameras: Cameras, *, vertex_count: int = 5000, voxel: float = 0.01, bounds: Array | None = None
+    masks: list[NDArray], cameras: Cameras, *, vertex_count: int = 5000, voxel: float = 0.01, bounds: Array | None = None, least_share: float = 0.5
 ) -> tuple[Array, NDArray[np.int32]]:
     """Watertight mesh (vertices [V, 3] m, faces [F, 3], outward) of what lies within all masks [camera][height, width].
 
-    voxel: grid spacing [m]; bounds [2, 3] m: where to look, by default around the point that all cameras look at. Raises BadInput.
+    voxel: grid spacing [m]; bounds [2, 3] m: where to look, by default around the point that all cameras look at;
+    least_share: a point that fewer of the cameras have in their image is outside. Raises BadInput.
     """
     distances = _outlines(masks, cameras)
-    box = _search(distances, cameras) if bounds is None else np.asarray(bounds, float)
-    field, points, shape = _field(distances, cameras, box, voxel)
+    box = _search(distances, cameras, least_share) if bounds is None else np.asarray(bounds, float)
+    field, points, shape = _field(distances, cameras, box, voxel, least_share)
     if not (field > 0).any():
         raise BadInput([Fault("masks", "no point lies within all of them", "Check that masks and calibration belong together.")])
     vertices, faces = _largest(*_surface(field, points, shape))
@@ -71,7 +72,7 @@ def _distance(cv2, inside: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.maximum(cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5, 0)
 
 
-def _search(distances: list[NDArray[np.float32]], cameras: Cameras) -> Array:
+def _search(distances: list[NDArray[np.float32]], cameras: Cameras, least_share: float) -> Array:
     """Bounds [2, 3] of the hull with a margin, from a coarse grid around the point nearest to all optical axes."""
     axis, centre = cameras.R[:, 2], cameras.centres()
     P = np.eye(3) - axis[:, :, None] * axis[:, None, :]
@@ -80,7 +81,7 @@ def _search(distances: list[NDArray[np.float32]], cameras: Cameras) -> Array:
     wide = np.array([middle - reach, middle + reach])
     for _ in range(2):  # the second pass sees what is thinner than the first one's spacing
         spacing = (wide[1] - wide[0]).max() / _COARSE
-        field, points, _ = _field(distances, cameras, wide, spacing)
+        field, points, _ = _field(distances, cameras, wide, spacing, least_share)
         near = points[field > -spacing]
         if not len(near):
             raise BadInput([Fault("masks", "no point lies within all of them", "Check that masks and calibration belong together.")])
@@ -88,21 +89,21 @@ def _search(distances: list[NDArray[np.float32]], cameras: Cameras) -> Array:
     return wide
 
 
-def _field(distances: list[NDArray[np.float32]], cameras: Cameras, box: Array, spacing: float) -> tuple[Array, Array, tuple[int, int, int]]:
-    """φ [N] m at grid points [N, 3], x fastest, and the grid's shape (x, y, z). Points that no camera has in its image are outside."""
+def _field(distances: list[NDArray[np.float32]], cameras: Cameras, box: Array, spacing: float, least_share: float) -> tuple[Array, Array, tuple[int, int, int]]:
+    """φ [N] m at grid points [N, 3], x fastest, and the grid's shape (x, y, z)."""
     axes = [np.arange(box[0, a], box[1, a] + spacing, spacing) for a in range(3)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-    φ = np.full(len(points), np.inf)
+    φ, views = np.full(len(points), np.inf), np.zeros(len(points), np.int32)
     for k, distance in enumerate(distances):
         uv, depth = project(cameras.subset([k]), points)
-        _carve(distance, uv[0], depth[0] / cameras.K[k, 0, 0], φ)
-    φ[np.isinf(φ)] = -spacing
+        _carve(distance, uv[0], depth[0] / cameras.K[k, 0, 0], φ, views)
+    φ[views < max(1, least_share * len(cameras))] = -spacing
     return φ, points, (len(axes[0]), len(axes[1]), len(axes[2]))
 
 
 @njit(parallel=True, cache=True)
-def _carve(distance, uv, metres, φ):
+def _carve(distance, uv, metres, φ, views):
     height, width = distance.shape
     for n in prange(len(uv)):
         u, v = uv[n, 0] - 0.5, uv[n, 1] - 0.5
@@ -112,6 +113,7 @@ def _carve(distance, uv, metres, φ):
         f, g = u - i, v - j
         d = (1 - g) * ((1 - f) * distance[j, i] + f * distance[j, i + 1]) + g * ((1 - f) * distance[j + 1, i] + f * distance[j + 1, i + 1])
         φ[n] = min(φ[n], d * metres[n])
+        views[n] += 1
 
 
 def _surface(field: Array, points: Array, shape: tuple[int, int, int]) -> tuple[Array, NDArray[np.int32]]:

@@ -119,14 +119,14 @@ def test_conjugate_gradients_reach_the_dense_solution():
     equations = NormalEquations((12, 12))
     equations.add_laplacian(chart, 1.0)
     rng = np.random.default_rng(0)
-    equations.diagonal()[:] += rng.uniform(0.1, 1, size=(12, 12, 1)).astype(np.float32)
+    equations.diagonal()[:] += 10 ** rng.uniform(-3, -1, size=(12, 12, 1)).astype(np.float32)
     free = chart >= 0
     b = rng.random((12, 12, 3)).astype(np.float32)
     A = np.stack([equations.times(e)[..., 0].ravel() for e in np.eye(144, dtype=np.float32).reshape(144, 12, 12, 1).repeat(3, -1)], 1)
     x, residual = conjugate_gradients(equations, b, np.zeros_like(b), free)
     inside = free.ravel()
     expected = np.linalg.solve(A[np.ix_(inside, inside)], b.reshape(144, 3)[inside])
-    np.testing.assert_allclose(x.reshape(144, 3)[inside], expected, atol=1e-4)
+    np.testing.assert_allclose(x.reshape(144, 3)[inside], expected, rtol=2e-3)
     assert residual < 1e-4
     assert (x[~free] == 0).all()
 

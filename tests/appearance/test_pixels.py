@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tasks.appearance.atlas import chart_of_texels, sample
-from tasks.appearance.pixels import REACH, NormalEquations, draw, sees_only, shade
+from tasks.appearance.pixels import DEEP_SHADOW, REACH, NormalEquations, View, draw, sees_only, shade
 from tasks.geometry.rasterise import rasterise
 from tests.appearance.stage_figure import blotches, dressed_scene
 
@@ -78,6 +79,32 @@ def test_the_stencil_is_the_normal_matrix():
     y = image[..., channel].ravel()[np.array(reach) & (covered == 1).ravel()]
     np.testing.assert_allclose(equations.Mty[..., channel].ravel(), M.T @ y, atol=1e-5)
     np.testing.assert_allclose(equations.diagonal()[..., channel].ravel(), (M**2).sum(0), atol=1e-5)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("far", "used"), [(REACH, 1), (REACH + 1, 0)])
+def test_a_pixel_counts_when_its_texels_lie_within_reach(axis, far, used):
+    """One pixel of four sub-samples, between texel 5 and the last of texel 5 + far along one axis."""
+    texel = np.full((2, 2, 2), 5.25, np.float32)
+    texel[1, 1, axis] = 4.25 + far
+    equations = NormalEquations((16, 16))
+    view = View(np.zeros((2, 2), np.int32), texel, np.ones((2, 2, 3), np.float32))
+    equations.add(view, np.ones((1, 1, 3), np.float32), np.ones((1, 1), bool))
+    assert (equations.used, equations.left_out) == (used, 1 - used)
+    np.testing.assert_allclose(equations.times(np.ones((16, 16, 3), np.float32)).sum(), 3 * used, atol=1e-6)  # (M1)² = 1 per channel
+
+
+def test_pixels_in_deep_shadow_are_not_fitted():
+    for light, used in ((DEEP_SHADOW - 0.01, 0), (DEEP_SHADOW + 0.01, 1)):
+        irradiance = np.ones((2, 2, 3), np.float32)
+        irradiance[1, 0, 2] = light
+        equations = NormalEquations((16, 16))
+        equations.add(
+            View(np.zeros((2, 2), np.int32), np.full((2, 2, 2), 5.25, np.float32), irradiance),
+            np.ones((1, 1, 3), np.float32),
+            np.ones((1, 1), bool),
+        )
+        assert (equations.used, equations.left_out) == (used, 0)
 
 
 def span(row):

@@ -15,10 +15,12 @@ FRAMES = (0, 1, 2)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
-def ring(count: int = 3, *, radius: float = 2.6, size: tuple[int, int] = (64, 48), focal: float = 60.0, height: float = 1.0) -> Cameras:
-    """Cameras on a circle, all looking at its middle; the last stands upright (width and height swapped)."""
+def ring(
+    count: int = 3, *, radius: float = 2.6, size: tuple[int, int] = (64, 48), focal: float = 60.0, height: float = 1.0, above: float = 0.2
+) -> Cameras:
+    """Cameras on a circle, `above` its middle and all looking at it; the last stands upright (width and height swapped)."""
     φ = 2 * np.pi * np.arange(count) / count
-    C = np.stack([radius * np.sin(φ), np.full(count, height + 0.2), radius * np.cos(φ)], 1)
+    C = np.stack([radius * np.sin(φ), np.full(count, height + above), radius * np.cos(φ)], 1)
     forward = np.array([0, height, 0]) - C
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     right = np.cross(forward, [0, 1.0, 0])

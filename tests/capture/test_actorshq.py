@@ -42,15 +42,16 @@ def test_calibration_survives_a_round_trip(tmp_path, seed):
 
 
 def test_convention_by_hand_written_row(tmp_path):
-    """A camera at (0, 1, 3) turned half round about x sees the world point (0, 1, 0) in its middle, and what is up above it.
+    """A camera at (-3, 1, 0) turned by 120° about (1, 1, 1), which takes its x (right) to world y, its y (down) to z, its z (forward) to x.
 
-    Rotating by π about x takes camera y (down) to world −y and camera z (forward) to world −z.
+    So it lies on its side: what is higher appears further right. The opposite turn, world to camera, would look along y.
     """
-    row = "Cam001, 200, 100, 3.141592653589793, 0, 0, 0, 1, 3, 0.5, 1.0, 0.5, 0.5"  # with the spaces that ActorsHQ's README prints
+    r = "1.2091995761561452"
+    row = f"Cam001, 200, 100, {r}, {r}, {r}, -3, 1, 0, 0.5, 1.0, 0.5, 0.5"  # with the spaces that ActorsHQ's README prints
     (tmp_path / "c.csv").write_text(", ".join(COLUMNS) + "\n" + row + "\n")
     rig = read_calibration_csv(tmp_path / "c.csv")
-    uv, depth = project(rig, np.array([[0, 1, 0], [0.3, 1, 0], [0, 1.3, 0]]))
-    np.testing.assert_allclose(uv[0], [[100, 50], [110, 50], [100, 40]], atol=1e-9)
+    uv, depth = project(rig, np.array([[0, 1, 0], [0, 1.3, 0], [0, 1, 0.3]]))
+    np.testing.assert_allclose(uv[0], [[100, 50], [110, 50], [100, 60]], atol=1e-9)
     np.testing.assert_allclose(depth[0], 3)
 
 

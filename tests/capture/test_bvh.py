@@ -147,10 +147,29 @@ def t_pose() -> np.ndarray:
     """Rest joints of a person with arms spread, in SMPL-X order; fingers in the wrist."""
     x = np.zeros((55, 3))
     for side, s in ((0, 1.0), (1, -1.0)):
-        x[[1 + side, 4 + side, 7 + side, 10 + side]] = [[s * 0.1, -0.05, 0], [s * 0.11, -0.45, 0.02], [s * 0.12, -0.9, 0], [s * 0.13, -0.95, 0.15]]
-        x[[13 + side, 16 + side, 18 + side, 20 + side]] = [[s * 0.05, 0.4, 0], [s * 0.17, 0.42, 0], [s * 0.43, 0.42, 0], [s * 0.68, 0.42, 0]]
+        x[[1 + side, 4 + side, 7 + side, 10 + side]] = [
+            [s * 0.1, -0.05, 0],
+            [s * 0.11, -0.45, 0.02],
+            [s * 0.12, -0.9, 0],
+            [s * 0.13, -0.95, 0.15],
+        ]
+        x[[13 + side, 16 + side, 18 + side, 20 + side]] = [
+            [s * 0.05, 0.4, 0],
+            [s * 0.17, 0.42, 0],
+            [s * 0.43, 0.42, 0],
+            [s * 0.68, 0.42, 0],
+        ]
         x[25 + 15 * side : 40 + 15 * side] = [s * 0.78, 0.42, 0]
-    x[[3, 6, 9, 12, 15, 22, 23, 24]] = [[0, 0.1, 0], [0, 0.23, 0], [0, 0.3, 0], [0, 0.5, 0], [0, 0.6, 0.02], [0, 0.6, 0.04], [0.03, 0.66, 0.1], [-0.03, 0.66, 0.1]]
+    x[[3, 6, 9, 12, 15, 22, 23, 24]] = [
+        [0, 0.1, 0],
+        [0, 0.23, 0],
+        [0, 0.3, 0],
+        [0, 0.5, 0],
+        [0, 0.6, 0.02],
+        [0, 0.6, 0.04],
+        [0.03, 0.66, 0.1],
+        [-0.03, 0.66, 0.1],
+    ]
     return x
 
 
@@ -162,5 +181,3 @@ def forward(joints: np.ndarray, motion) -> np.ndarray:
         G[:, j] = R[:, j] if parent < 0 else G[:, parent] @ R[:, j]
         x[:, j] = joints[j] + motion.translation if parent < 0 else x[:, parent] + G[:, parent] @ (joints[j] - joints[parent])
     return x
-
-

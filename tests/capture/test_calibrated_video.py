@@ -20,7 +20,7 @@ from tasks.geometry.cameras import project
 from tasks.geometry.faults import BadInput
 from tests.capture.recordings import random_rig
 
-REAL = Path(os.environ.get("PHYSAVATAR_REAL_DATA", "../shared/data")) / "multiview"
+REAL = Path(os.environ.get("PHYSAVATAR_REAL_DATA", Path(__file__).parents[2] / "../shared/data")) / "multiview"
 real = pytest.mark.skipif(not REAL.is_dir(), reason=f"no recording at {REAL}; set PHYSAVATAR_REAL_DATA")
 SIZE = (96, 64)
 COUNT = 30
@@ -153,6 +153,15 @@ def test_damaged_qualisys_files(tmp_path, seed, damage):
     damage(tmp_path / "c.qca.txt", np.random.default_rng(seed))
     with suppress(BadInput):
         read_qualisys(tmp_path / "c.qca.txt")
+
+
+@real
+def test_every_camera_with_a_number_out_of_range_is_named(tmp_path):
+    text = (REAL / "Calib.qca.txt").read_text()
+    (tmp_path / "c.qca.txt").write_text(text.replace('r11="0.55', 'r11="1e400').replace('focalLengthU="107118', 'focalLengthU="nan'))
+    with pytest.raises(BadInput) as caught:
+        read_qualisys(tmp_path / "c.qca.txt")
+    assert [f.where.split(", ")[1] for f in caught.value.faults] == ["camera 1", "camera 2"]
 
 
 def test_xml_that_explodes_is_not_expanded(tmp_path):

@@ -13,12 +13,12 @@ from tasks.geometry.rotations import axis_angle_from_matrix, matrix_from_axis_an
 from tests.capture.planes import Rectangle, rays, render
 from tests.capture.recordings import ring
 
-BOARD = Board(8, 6, 0.10, 0.075)
+BOARD = Board(6, 5, 0.15, 0.115, "DICT_4X4_50")
 
 
 def studio(count: int = 6, *, size=(640, 480), focal: float = 700.0) -> Cameras:
     """A ring with lenses that differ and bend; x, y, z as in the world of a board on the floor."""
-    rig = ring(count, size=size, focal=focal)
+    rig = ring(count, size=size, focal=focal, height=0.8, above=1.3)
     rng = np.random.default_rng(3)
     K = rig.K.copy()
     K[:, [0, 1], [0, 1]] *= rng.uniform(0.95, 1.05, (count, 2))
@@ -30,9 +30,8 @@ def studio(count: int = 6, *, size=(640, 480), focal: float = 700.0) -> Cameras:
 def carried(frames: int, seed: int = 0, *, facing: np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
     """Poses of the board, front outwards in turn all round, tilted at random; frame 0 lies on the floor, face up."""
     rng = np.random.default_rng(seed)
-    middle = np.array([0.4, 0.3, 0])
-    flat = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T
-    poses = [(flat, -flat @ middle)]
+    middle = np.array([0.45, 0.375, 0])
+    poses = [(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T, np.zeros(3))]  # x along x, y along z, and z, which points into it, down
     for φ in np.linspace(0, 2 * np.pi, frames - 1, endpoint=False) if facing is None else facing:
         out = np.array([[np.cos(φ), 0, -np.sin(φ)], [0, 1, 0], [np.sin(φ), 0, np.cos(φ)]]).T  # turns z to (sin φ, 0, cos φ)
         R = out @ np.diag([1.0, -1, -1]) @ matrix_from_axis_angle(rng.normal(size=3) * 0.35)  # the board's z points away from who sees it
@@ -56,6 +55,12 @@ def pose_errors(found: Cameras, truth: Cameras) -> tuple[np.ndarray, np.ndarray]
     return np.degrees(turn), 1000 * np.linalg.norm(found.centres() - truth.centres(), axis=1)
 
 
+def volume_error(found: Cameras, truth: Cameras) -> np.ndarray:
+    """rms distance [camera] px between where both rigs see points of the volume in which the board was carried."""
+    x = np.random.default_rng(1).uniform([-0.4, 0.6, -0.4], [0.4, 1.4, 0.4], (200, 3))
+    return np.sqrt(np.mean(np.sum((project(found, x)[0] - project(truth, x)[0]) ** 2, -1), 1))
+
+
 def calibrate(rig: Cameras, uv: np.ndarray, **kwargs):
     return calibrate_charuco(uv, BOARD, names=rig.names, size=rig.size, **kwargs)
 
@@ -76,13 +81,14 @@ def test_with_noise_errors_are_those_that_noise_explains():
     found = calibrate(rig, corners_seen(rig, carried(25), 0.2), floor_frame=0)
     assert found.residual_px == pytest.approx(np.full(6, 0.28), rel=0.15)
     degrees, mm = pose_errors(found.cameras, rig)
-    assert degrees.max() < 0.3
-    assert mm.max() < 12  # at 2.6 m
+    assert volume_error(found.cameras, rig).max() < 0.6
+    assert degrees.max() < 2  # principal point and rotation trade places: 1 px is 0.08°
+    assert mm.max() < 30  # at 2.6 m
 
 
 def test_errors_shrink_with_the_noise():
     rig = studio()
-    errors = [pose_errors(calibrate(rig, corners_seen(rig, carried(25), s), floor_frame=0).cameras, rig)[1].mean() for s in (0.4, 0.04)]
+    errors = [volume_error(calibrate(rig, corners_seen(rig, carried(25), s), floor_frame=0).cameras, rig).mean() for s in (0.2, 0.02)]
     assert errors[0] / errors[1] == pytest.approx(10, rel=0.25)
 
 
@@ -92,8 +98,7 @@ def test_a_wrong_corner_does_not_pull_the_rig_away():
     seen = np.argwhere(np.isfinite(uv).all(-1))
     for k, f, c in seen[:: len(seen) // 12]:
         uv[k, f, c] += 25
-    _, mm = pose_errors(calibrate(rig, uv, floor_frame=0).cameras, rig)
-    assert mm.max() < 12
+    assert volume_error(calibrate(rig, uv, floor_frame=0).cameras, rig).max() < 0.6
 
 
 def test_no_board_on_the_floor_leaves_shape_and_scale():
@@ -102,7 +107,7 @@ def test_no_board_on_the_floor_leaves_shape_and_scale():
     C, D = (np.linalg.norm(c.centres()[:, None] - c.centres()[None], axis=-1) for c in (found, rig))
     np.testing.assert_allclose(C, D, atol=1e-4)
     assert -found.R[:, 1].mean(axis=0)[[0, 2]] == pytest.approx([0, 0], abs=1e-9)
-    np.testing.assert_allclose(found.R[:, 1, 1], rig.R[:, 1, 1], atol=2e-2)  # a ring's tilts cancel
+    np.testing.assert_allclose(found.R[:, 1, 1], rig.R[:, 1, 1], atol=1e-4)  # a ring's tilts cancel
 
 
 def test_cameras_without_a_chain_of_boards_are_named():
@@ -139,12 +144,12 @@ def rectangle(R: np.ndarray, t: np.ndarray) -> Rectangle:
 
 def test_corners_are_found_where_they_lie():
     """Also the half pixel: an error of 0.5 px in both coordinates would be ten times the bound."""
-    rig = studio(3)
-    poses = carried(5, facing=np.array([0, 0.2, 0.4, -0.3]))[1:]
+    rig = studio(3, size=(480, 360), focal=525)
+    poses = carried(4, facing=np.array([0, 0.4, -0.3]))[1:]
     directions, errors = rays(rig, 0), []
     for R, t in poses:
         found = BOARD.detect(render(rig, 0, [rectangle(R, t)], directions))
-        assert np.isfinite(found).all(-1).mean() > 0.9
+        assert np.isfinite(found).all(-1).mean() > 0.7
         errors.append((found - project(rig, BOARD.corners() @ R.T + t)[0][0])[np.isfinite(found).all(-1)])
     assert np.abs(np.concatenate(errors).mean(0)).max() < 0.05
     assert np.linalg.norm(np.concatenate(errors), axis=1).mean() < 0.15
@@ -153,17 +158,15 @@ def test_corners_are_found_where_they_lie():
 
 @pytest.mark.slow
 def test_a_rig_from_pictures():
-    rig = studio(4)
-    rig = moved(rig.subset([0, 1, 2]), np.eye(3), np.zeros(3))
-    arc = ring(12, size=(640, 480), focal=700)
-    rig = replace(rig, R=arc.R[:3], t=arc.t[:3], size=arc.size[:3])  # 30° apart, so that one board serves all
-    poses = carried(13, facing=np.linspace(-0.1, 1.1, 12))
-    uv = np.stack(
-        [[BOARD.detect(render(rig, k, [rectangle(R, t)], d)) for R, t in poses] for k, d in ((k, rays(rig, k)) for k in range(3))]
-    )
+    arc = ring(12, size=(640, 480), focal=700, height=0.8, above=1.3).subset(range(3))  # 30° apart, so that one board serves all
+    rig = replace(studio(3, size=(640, 480), focal=700), R=arc.R, t=arc.t, size=arc.size)
+    poses = carried(9, facing=np.linspace(-0.1, 1.1, 8))
+    views = ((k, rays(rig, k, samples=2)) for k in range(3))
+    uv = np.stack([[BOARD.detect(render(rig, k, [rectangle(R, t)], d)) for R, t in poses] for k, d in views])
     found = calibrate(rig, uv, floor_frame=0)
     degrees, mm = pose_errors(found.cameras, rig)
-    print(found.residual_px, degrees, mm)
-    assert found.residual_px.max() < 0.3
-    assert degrees.max() < 0.3
-    assert mm.max() < 12
+    print(found.residual_px, volume_error(found.cameras, rig), degrees, mm)
+    assert found.residual_px.max() < 0.5
+    assert volume_error(found.cameras, rig).max() < 3  # nine boards; a hand-held session has fifty
+    assert degrees.max() < 2
+    assert mm.max() < 40

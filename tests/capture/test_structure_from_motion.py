@@ -25,7 +25,9 @@ def arc(count: int = 6) -> Cameras:
     return whole.subset(range(1, count + 1))
 
 
-def pictures(rig: Cameras) -> dict[str, np.ndarray]:
+@pytest.fixture(scope="module")
+def pictures() -> dict[str, np.ndarray]:
+    rig = arc()
     return {n: render(rig, k, ROOM, rays(rig, k, samples=2)) for k, n in enumerate(rig.names)}
 
 
@@ -43,10 +45,10 @@ def aligned(found: Cameras, truth: Cameras) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("known_lenses", [True, False])
-def test_a_room_gives_the_rig(known_lenses):
+def test_a_room_gives_the_rig(pictures, known_lenses):
     rig = arc()
     apart = float(np.linalg.norm(rig.centres()[0] - rig.centres()[5]))
-    found = calibrate_from_pictures(pictures(rig), baseline=(rig.names[0], rig.names[5], apart), lenses=rig if known_lenses else None)
+    found = calibrate_from_pictures(pictures, baseline=(rig.names[0], rig.names[5], apart), lenses=rig if known_lenses else None)
     degrees, metres = aligned(found.cameras, rig)
     print(found.residual_px, found.observations, degrees, metres)
     C = found.cameras.centres()

@@ -1,7 +1,6 @@
 """One process at a time; a dead owner's lease is free at once, a silent one's when it expires."""
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -54,12 +53,14 @@ def test_waiting_gets_the_lease_when_it_falls_free(path):
         assert 0.4 < time.monotonic() - began < 10
 
 
-def test_a_heartbeat_outlives_the_expiry(path):
-    with hold(path, seconds=0.8) as lease:
+def test_a_heartbeat_extends_the_lease(path):
+    with hold(path, seconds=2) as lease:
         first = read_lease(path).expires
-        time.sleep(1.6)
+        until = time.monotonic() + 60
+        while read_lease(path).expires < first + 2 and time.monotonic() < until:
+            time.sleep(0.1)
+        assert read_lease(path).expires >= first + 2
         assert is_live(path)
-        assert read_lease(path).expires > first + 0.5
         assert not lease.lost.is_set()
 
 
@@ -93,37 +94,38 @@ def test_a_process_number_that_was_given_away_is_not_the_owner(path):
 
 def test_a_lease_taken_over_is_noticed_and_left_alone(path):
     with hold(path, seconds=0.4) as lease:
-        write(path, expires=time.time() + 600, machine="another")
-        assert lease.lost.wait(5)
+        for _ in range(50):  # the heartbeat may be about to write
+            write(path, expires=time.time() + 600, machine="another")
+            if lease.lost.wait(1):
+                break
+        assert lease.lost.is_set()
     assert read_lease(path).owner.machine == "another"
 
 
 def test_a_damaged_lease_is_free(path):
     path.parent.mkdir()
     path.write_text(json.dumps({"owner": "?"}))
-    with hold(path, seconds=1):
+    with hold(path, seconds=30):
         assert is_live(path)
 
 
-def _take(path, barrier, taken):
-    barrier.wait()
-    try:
-        with hold(path, seconds=30):
-            taken.put(os.getpid())
-            barrier.wait()
-    except Leased:
-        barrier.wait()
-
-
 def test_of_many_that_find_a_stale_lease_one_takes_it(path):
+    """Threads race as processes do: each opens the lock anew, and an flock belongs to the opening."""
     write(path, expires=time.time() - 1, machine="another")
-    spawn = multiprocessing.get_context("spawn")
-    barrier, taken = spawn.Barrier(4), spawn.Queue()
-    racers = [spawn.Process(target=_take, args=(path, barrier, taken)) for _ in range(4)]
+    together, over, taken = threading.Barrier(8), threading.Barrier(8), []
+
+    def take():
+        together.wait()
+        try:
+            with hold(path, seconds=30):
+                taken.append(threading.get_ident())
+                over.wait()
+        except Leased:
+            over.wait()
+
+    racers = [threading.Thread(target=take) for _ in range(8)]
     for racer in racers:
         racer.start()
     for racer in racers:
         racer.join()
-    assert [racer.exitcode for racer in racers] == [0] * 4
-    taken.get(timeout=5)
-    assert taken.empty()
+    assert len(taken) == 1

@@ -74,6 +74,7 @@ def test_kill_9_while_writing_leaves_nothing_final_and_a_retry_publishes(tmp_pat
     assert store.open(ref, Keypoints) == keypoints()
 
 
+@pytest.mark.slow
 def test_four_writers_publish_once(tmp_path):
     together = """
         print("ready", flush=True)

@@ -45,6 +45,18 @@ def test_a_part_of_the_frames_is_that_part(store, frames, start, stop):
     assert part.camera_names == record.camera_names
 
 
+class Walk(Record, name="walk", version=1):
+    x: np.ndarray = array("frame 3", "float64", "m")
+
+
+@pytest.mark.parametrize("frames", [1, 29, 30, 31, 299, 300, 301, 601])
+def test_nothing_is_lost_at_the_edges_of_chunks_and_shards(store, frames):
+    record = Walk(x=np.random.default_rng(frames).normal(size=(frames, 3)))
+    ref = put(store, record)
+    assert store.open(ref, Walk) == record
+    assert np.array_equal(store.open(ref, Walk, frames=slice(frames - 2, frames)).x, record.x[frames - 2 : frames])
+
+
 def test_an_empty_axis_is_kept(store):
     class Loose(Record, name="loose", version=1):
         vertices: np.ndarray = array("vertex 3", "float32", "m")

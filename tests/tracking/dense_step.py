@@ -11,7 +11,7 @@ from tasks.geometry.cameras import project
 
 def residuals_and_weights(x, scene, instant, number, weight):
     """All residuals r [n] at x [V, 3] and their weights w [n], so that E ≈ ½ Σ w r² (Cauchy weights at x)."""
-    s, shape, level, σ = scene.surface, instant.shape, instant.levels[number], scene.settings.sigma_colour
+    s, shape, level, settings = scene.surface, instant.shape, instant.levels[number], scene.settings
     r, w = [], []
     corners = x[s.faces]
     points = np.einsum("ni,fia->fna", s.barycentric, corners).reshape(-1, 3)
@@ -22,6 +22,7 @@ def residuals_and_weights(x, scene, instant, number, weight):
         for q in np.flatnonzero(weight[:, k]):
             u, v = uv[k, q] - 0.5
             for c in range(4):
+                σ = settings.sigma_colour if c < 3 else settings.sigma_mask
                 value = map_coordinates(image[..., c], [[v], [u]], order=3, prefilter=False, mode="nearest")[0]
                 d = value - scene.reference.colour[number][q, k, c]
                 r.append(d)

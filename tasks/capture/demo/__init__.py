@@ -1,0 +1,1 @@
+"""The demo capture: a synthetic recording of a dressed actor with known truth."""

@@ -4,13 +4,16 @@ The face is found by the landmarks of the body model, so that any body in the la
 of the vertices (4-10 mm).
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 SKIN, LIPS, HAIR, WHITE, IRIS, SHOES = (
-    np.array(c) for c in ((0.52, 0.31, 0.22), (0.42, 0.10, 0.09), (0.045, 0.028, 0.02), (0.75, 0.73, 0.7), (0.05, 0.07, 0.06), (0.10, 0.05, 0.035))
+    np.array(c)
+    for c in ((0.52, 0.31, 0.22), (0.42, 0.10, 0.09), (0.045, 0.028, 0.02), (0.75, 0.73, 0.7), (0.05, 0.07, 0.06), (0.10, 0.05, 0.035))
 )
 LEFT_BROW, RIGHT_BROW, EYES, MOUTH = slice(0, 5), slice(5, 10), (slice(19, 25), slice(25, 31)), slice(31, 43)  # of the 51 landmarks
 HEAD, EYEBALLS, FEET = 15, (23, 24), (7, 8, 10, 11)
@@ -59,9 +62,9 @@ def _hair(vertices: Array, weights: Array, face: Array) -> NDArray[np.bool_]:
     return (weights[:, HEAD] > 0.5) & (vertices[:, 1] > np.maximum(hairline, nape))
 
 
-def _near_curve(vertices: Array, curve: Array, distance: float = 0.005) -> NDArray[np.bool_]:
-    points = np.concatenate([np.linspace(a, b, 8) for a, b in zip(curve[:-1], curve[1:])])
-    return np.linalg.norm(vertices[:, None] - points[None], axis=2).min(1) < distance + 0.004
+def _near_curve(vertices: Array, curve: Array, distance: float = 0.0055) -> NDArray[np.bool_]:
+    points = np.concatenate([np.linspace(a, b, 8) for a, b in pairwise(curve)])
+    return np.linalg.norm(vertices[:, None] - points[None], axis=2).min(1) < distance
 
 
 def _in_outline(vertices: Array, outline: Array) -> NDArray[np.bool_]:

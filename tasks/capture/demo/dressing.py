@@ -28,7 +28,7 @@ Faces = NDArray[np.int32]
 State = tuple[Array, Array]
 
 SEGMENT = 10  # frames
-SETTLING = 40  # frames of implicit Euler, which damps
+SETTLING = 32  # frames of implicit Euler, which damps
 COLLIDER_FACES = 2400
 GAP = 1.5e-3  # [m] kept between cloth and the decimated body, which departs from the body by about as much
 ARMS, HEAD = (16, 17, 18, 19, 20, 21, *range(25, 55)), (15, 22, 23, 24)
@@ -64,7 +64,7 @@ def cut(name: str, actor: Actor, *, spacing: float, rng: np.random.Generator) ->
     if name == "skirt":
         return skirt(body[trunk], SkirtCut(waist=waist), spacing=spacing, rng=rng)
     shoulder = (joints[16] - joints[17])[0] / 2
-    measures = TopCut(hem=waist + 0.03, upper_edge=joints[[16, 17], 1].mean() - 0.11, strap_place=0.46 * shoulder)
+    measures = TopCut(hem=waist + 0.03, upper_edge=joints[[16, 17], 1].mean() - 0.11, strap_place=0.6 * shoulder)
     return top(body[trunk & (weights[:, HEAD].sum(1) < 0.3)], measures, spacing=spacing, rng=rng)
 
 
@@ -107,11 +107,13 @@ def settle(fitting: Fitting) -> State:
 _COMMON = {"contact_offset": GAP, "acceleration_tolerance": 1e-2}  # [m/s²]: 1e-2 over a step of 10 ms is 1e-6 m
 
 
-def _run(fitting: Fitting, state: State, frames: slice | Array, settings: Settings):  # noqa: ANN202
+def _run(fitting: Fitting, state: State, frames: slice | Array, settings: Settings):
     g = fitting.garment
     cloth = Cloth(g.vertices, g.faces, g.boundary, uv=g.uv_vertices[g.uv_faces], rest_angles="flat")
     motions = {"collider_motion": fitting.collider_motion[frames], "boundary_motion": fitting.boundary_motion[frames]}
-    run = simulate(cloth, fitting.fabric, Collider(fitting.collider_faces), **motions, fps=fitting.fps, x0=state[0], v0=state[1], settings=settings)
+    run = simulate(
+        cloth, fitting.fabric, Collider(fitting.collider_faces), **motions, fps=fitting.fps, x0=state[0], v0=state[1], settings=settings
+    )
     for frame in run:
         _require(frame, g.name)
         yield frame

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 COMPLETE = "complete.json"
@@ -25,20 +25,20 @@ def write_json(path: Path, value: object) -> None:
     write_whole(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 
 
-def seal(seal_file: Path, folders: Iterable[Path]) -> None:
-    """Record the digests of all files below the folders: {folder: {path within: sha256}}."""
-    write_json(seal_file, {folder.as_posix(): digests(folder) for folder in folders})
+def seal(seal_file: Path, folders: Mapping[str, Path]) -> None:
+    """Record the digests of all files below named folders: {name: {path within: sha256}}."""
+    write_json(seal_file, {name: digests(folder) for name, folder in folders.items()})
 
 
-def is_sealed(seal_file: Path) -> bool:
+def is_sealed(seal_file: Path, folders: Mapping[str, Path]) -> bool:
     """Whether the seal is there and every file it names still has its digest."""
     if not seal_file.exists():
         return False
     listed = json.loads(seal_file.read_text())
     return all(
-        (Path(folder) / name).is_file() and _digest(Path(folder) / name) == digest
-        for folder, files in listed.items()
-        for name, digest in files.items()
+        (folders[name] / path).is_file() and _digest(folders[name] / path) == digest
+        for name, files in listed.items()
+        for path, digest in files.items()
     )
 
 

@@ -15,7 +15,7 @@ ROUNDING = np.radians(10)  # standard deviation of the averaging over θ
 
 
 def hull_curve(points: Array, ease: float) -> Array:
-    """Closed curve [θ, 2] m around points [P, 2] m at a distance of at least `ease`; first point at θ = −π/2, last = first after one turn."""
+    """Closed curve [θ, 2] m around points [P, 2] m, at least `ease` away; the first point, where n = −x, comes again at the end."""
     from scipy.ndimage import gaussian_filter1d
 
     θ = -np.pi / 2 + 2 * np.pi * np.arange(SAMPLES) / SAMPLES
@@ -34,14 +34,19 @@ def arc_length(curve: Array) -> Array:
 
 
 def bridge(start: Array, end: Array, obstacle: Array, *, ease: float) -> Array:
-    """Polyline [P, 2] m from start to end, taut over the points obstacle [Q, 2] m at about `ease` above them; second coordinate is up."""
+    """Polyline [P, 2] m from start to end, taut over the points obstacle [Q, 2] m at about `ease` from them; second coordinate is up.
+
+    What does not rise above both ends is no obstacle.
+    """
     from scipy.ndimage import gaussian_filter1d
     from scipy.spatial import ConvexHull
 
     turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     wide = (obstacle[:, None] + ease * np.stack([np.cos(turn), np.sin(turn)], 1)).reshape(-1, 2)
-    low, high = sorted((start[0], end[0]))
-    wide = wide[(wide[:, 0] > low) & (wide[:, 0] < high)]
+    wide = wide[wide[:, 1] > max(start[1], end[1])]
+    straight = np.linspace(0, 1, 200)[:, None] * (end - start) + start
+    if not len(wide):
+        return straight
     points = np.concatenate([start[None], end[None], wide])
     loop = ConvexHull(points).vertices  # counter-clockwise
     at = int(np.flatnonzero(loop == 0)[0])
@@ -50,7 +55,6 @@ def bridge(start: Array, end: Array, obstacle: Array, *, ease: float) -> Array:
     chain = points[loop[: until + 1]] if start[0] > end[0] else points[np.r_[loop[:1], loop[until:][::-1]]]
     s = arc_length(chain)
     fine = np.stack([np.interp(np.linspace(0, s[-1], 200), s, column) for column in chain.T], 1)
-    straight = np.linspace(0, 1, 200)[:, None] * (end - start) + start
     # the ends stay where the straps meet the chest: only the departure from the straight line is rounded, as an odd function there
     away = np.concatenate([-(fine - straight)[:0:-1], fine - straight, -(fine - straight)[-2::-1]])
     return straight + gaussian_filter1d(away, 4.0, axis=0)[199:399]

@@ -26,7 +26,9 @@ def two_bone_limb(root: Array, target: Array, rest: Array, facing: Array, *, res
     upper = cosα[:, None] * frame[..., 0] + np.sqrt(1 - cosα**2)[:, None] * frame[..., 1]
     end = d[:, None] * frame[..., 0]
     lower = (end - l1 * upper) / l2
-    rotations = [_frame(now, facing) @ _frame((rest[k + 1] - rest[k])[None], rest_facing[None])[0].T for k, now in enumerate((upper, lower))]
+    rotations = [
+        _frame(now, facing) @ _frame((rest[k + 1] - rest[k])[None], rest_facing[None])[0].T for k, now in enumerate((upper, lower))
+    ]
     return rotations[0], rotations[1]
 
 

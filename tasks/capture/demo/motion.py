@@ -38,9 +38,7 @@ class Motion:
         return len(self.pose)
 
 
-def dance(
-    joints_rest: Array, parents: NDArray[np.int32], *, sole: float, frames: int, fps: float = 25.0, energy: float = 1.0
-) -> Motion:
+def dance(joints_rest: Array, parents: NDArray[np.int32], *, sole: float, frames: int, fps: float = 25.0, energy: float = 1.0) -> Motion:
     """Steps on the spot with hip sway, half turns and an arm lift; joints_rest [joint, 3] m of the body at rest, parents [joint].
 
     `sole` [m] is the height of the soles at rest; they come to stand on the floor y = 0. `energy` scales every amplitude (0 stands

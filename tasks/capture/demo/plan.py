@@ -69,7 +69,11 @@ def make_plan(request: Request, model: BodyModel) -> Plan:
     scanned = {n: cut(n, actor, spacing=COARSE, rng=stream(request.seed, f"{n} coarse")) for n in GARMENTS}
     centre = np.array([0.0, actor.posed.vertices[0][:, 1].max() / 2, 0.0])
     cameras = ring_cameras(
-        request.cameras, request.size, centre, rng=stream(request.seed, "cameras"), portrait=request.cameras // 2 if request.portrait else None
+        request.cameras,
+        request.size,
+        centre,
+        rng=stream(request.seed, "cameras"),
+        portrait=request.cameras // 2 if request.portrait else None,
     )
     gains = draw_gains(request.cameras, stream(request.seed, "gains"))
     surfaces = (_body_surface(actor, request.seed), *(_garment_surface(f.garment, request.seed) for f in fittings.values()))

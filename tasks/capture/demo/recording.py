@@ -35,6 +35,7 @@ from tasks.geometry.meshes import face_areas
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
+STANDARD = Request()
 SCALE = "1x"
 FRAMES_PER_PIECE = 3  # of photography: a piece takes seconds, and building its scene a fraction of one
 MARGIN = 0.05  # [m] around the actor in aabbs.csv
@@ -47,7 +48,7 @@ def make_demo_recording(
     cache: Path | str,
     actor: str = "Demo",
     sequence: str = "Sequence1",
-    request: Request = Request(),
+    request: Request = STANDARD,
     workers: int = 2,
     on_progress: Progress | None = None,
 ) -> Path:
@@ -59,7 +60,8 @@ def make_demo_recording(
     folder, truth = Path(root) / actor / sequence, Path(truth_root) / actor / sequence
     report = on_progress or (lambda what, done, total: None)
     _claim(truth / "request.json", request)
-    if is_sealed(truth / COMPLETE):
+    whole = {"recording": folder, "truth": truth}
+    if is_sealed(truth / COMPLETE, whole):
         return folder
     plan = make_plan(request, BodyModel.load(build_demo_body(cache)))
     with _pool(workers) as pool:
@@ -70,7 +72,7 @@ def make_demo_recording(
     write_whole(folder / "template/template.obj", lambda aside: write_obj(aside, scanned.template))
     _write_tables(folder, plan, worn)
     write_truth(truth, plan, worn, scanned)
-    seal(truth / COMPLETE, (folder, truth))
+    seal(truth / COMPLETE, whole)
     return folder
 
 
@@ -78,7 +80,9 @@ def _claim(path: Path, request: Request) -> None:
     asked = json.loads(json.dumps(asdict(request)))
     if path.exists() and (there := json.loads(path.read_text())) != asked:
         other = {key: (there.get(key), value) for key, value in asked.items() if there.get(key) != value}
-        raise BadInput([Fault(str(path.parent), f"holds a recording of another request ((there, asked): {other})", "Choose an empty folder.")])
+        raise BadInput(
+            [Fault(str(path.parent), f"holds a recording of another request ((there, asked): {other})", "Choose an empty folder.")]
+        )
     write_json(path, asked)
 
 

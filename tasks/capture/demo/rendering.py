@@ -44,7 +44,9 @@ class Renderer:
         self._mi = load_mitsuba(variant, threads=1)
         self._names = [surface.name for surface in surfaces]
         meshes = {s.name: self._mesh(s, x) for s, x in zip(surfaces, vertices, strict=True)}
-        self._scene = self._mi.load_dict({"type": "scene", "sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}, **meshes})
+        self._scene = self._mi.load_dict(
+            {"type": "scene", "sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}, **meshes}
+        )
         self._params = self._mi.traverse(self._scene)
         self._integrator = self._mi.load_dict({"type": "path", "max_depth": DEPTH, "hide_emitters": True})
         self._sensors: dict = {}
@@ -62,7 +64,7 @@ class Renderer:
         rgba = np.array(picture, np.float32)
         return rgba[..., :3], np.clip(rgba[..., 3], 0, 1)
 
-    def _sensor(self, cameras: Cameras, k: int):  # noqa: ANN202  (mitsuba's types exist only once a variant is set)
+    def _sensor(self, cameras: Cameras, k: int):
         width, height = (int(n) for n in cameras.size[k])
         if (width, height) not in self._sensors:
             self._sensors[width, height] = self._mi.load_dict(_sensor_dict(width, height))
@@ -75,7 +77,7 @@ class Renderer:
         params.update()
         return sensor
 
-    def _mesh(self, surface: Surface, x: Array):  # noqa: ANN202
+    def _mesh(self, surface: Surface, x: Array):
         mi = self._mi
         props = mi.Properties()
         props["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": self._reflectance(surface)}})
@@ -100,7 +102,14 @@ class Renderer:
 
 
 def _sensor_dict(width: int, height: int) -> dict:
-    film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgba", "component_format": "float32", "rfilter": {"type": "box"}}
+    film = {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "rgba",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
     return {"type": "perspective", "fov": 40.0, "fov_axis": "x", "near_clip": 0.05, "film": film, "sampler": {"type": "multijitter"}}
 
 

@@ -33,7 +33,9 @@ class Scan:
     places: dict[str, Sampling]
 
 
-def scan(actor: Actor, fine: Mapping[str, Garment], coarse: Mapping[str, Garment], worn: Mapping[str, Array], rng: np.random.Generator) -> Scan:
+def scan(
+    actor: Actor, fine: Mapping[str, Garment], coarse: Mapping[str, Garment], worn: Mapping[str, Array], rng: np.random.Generator
+) -> Scan:
     """Template of frame 0. fine, coarse: the garments as simulated and as scanned; worn: simulated vertices [V, 3] m of frame 0."""
     x, faces, place = _skin(actor)
     parts = [("body", x, faces, *box_charts(x, faces))]

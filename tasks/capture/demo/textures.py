@@ -17,7 +17,7 @@ DARKEST, BRIGHTEST = 0.02, 0.9
 
 
 @dataclass(frozen=True)
-class Cloth:
+class Design:
     """Linear colours [3] of the ground and of the prints, size [m] and spacing [m] of the motifs, contrast of the yarns."""
 
     ground: tuple[float, float, float]
@@ -27,21 +27,21 @@ class Cloth:
     yarn_contrast: float = 0.18
 
 
-SKIRT = Cloth((0.055, 0.09, 0.24), ((0.75, 0.55, 0.18), (0.62, 0.68, 0.72), (0.52, 0.13, 0.12)), motif=0.020, spacing=0.062)
-TOP = Cloth((0.62, 0.56, 0.44), ((0.45, 0.06, 0.08), (0.08, 0.24, 0.20), (0.12, 0.12, 0.20)), motif=0.014, spacing=0.044)
+SKIRT = Design((0.055, 0.09, 0.24), ((0.75, 0.55, 0.18), (0.62, 0.68, 0.72), (0.52, 0.13, 0.12)), motif=0.020, spacing=0.062)
+TOP = Design((0.62, 0.56, 0.44), ((0.45, 0.06, 0.08), (0.08, 0.24, 0.20), (0.12, 0.12, 0.20)), motif=0.014, spacing=0.044)
 
 
-def woven(extent: Array, cloth: Cloth, *, width: int, rng: np.random.Generator) -> NDArray[np.float32]:
+def woven(extent: Array, design: Design, *, width: int, rng: np.random.Generator) -> NDArray[np.float32]:
     """Texture [height, width, 3] of a pattern of `extent` = (u, v) m; row 0 is the top (largest v)."""
     step = extent[0] / width
     height = round(extent[1] / step)
     u, v = (np.arange(width) + 0.5) * step, (height - np.arange(height) - 0.5) * step
-    colour = np.broadcast_to(np.array(cloth.ground), (height, width, 3)).copy()
-    for centre, size, tint, petals, turn in _motifs(extent, cloth, rng):
+    colour = np.broadcast_to(np.array(design.ground), (height, width, 3)).copy()
+    for centre, size, tint, petals, turn in _motifs(extent, design, rng):
         _stamp(colour, u, v, centre, size, tint, petals, turn)
     weave = _weave(u, v, rng)
     wear = noise((height, width), 0.12 / step, rng) * 0.08 + noise((height, width), 0.02 / step, rng) * 0.07
-    return np.clip(colour * (1 + cloth.yarn_contrast * weave + wear)[..., None], DARKEST, BRIGHTEST).astype(np.float32)
+    return np.clip(colour * (1 + design.yarn_contrast * weave + wear)[..., None], DARKEST, BRIGHTEST).astype(np.float32)
 
 
 def noise(shape: tuple[int, ...], scale: float, rng: np.random.Generator) -> Array:
@@ -54,12 +54,14 @@ def noise(shape: tuple[int, ...], scale: float, rng: np.random.Generator) -> Arr
     return fine / fine.std()
 
 
-def _motifs(extent: Array, cloth: Cloth, rng: np.random.Generator) -> list[tuple[Array, float, Array, int, float]]:
-    grid = np.stack(np.meshgrid(np.arange(0, extent[0] + cloth.spacing, cloth.spacing), np.arange(0, extent[1] + cloth.spacing, cloth.spacing)), -1)
-    grid[1::2, :, 0] += cloth.spacing / 2
-    centres = grid.reshape(-1, 2) + rng.uniform(-0.2, 0.2, (grid.size // 2, 2)) * cloth.spacing
-    tints = np.array(cloth.prints)[rng.integers(len(cloth.prints), size=len(centres))]
-    return [(c, cloth.motif * rng.uniform(0.7, 1.2), t, int(rng.integers(3, 7)), rng.uniform(0, 2 * np.pi)) for c, t in zip(centres, tints)]
+def _motifs(extent: Array, design: Design, rng: np.random.Generator) -> list[tuple[Array, float, Array, int, float]]:
+    grid = np.stack(
+        np.meshgrid(np.arange(0, extent[0] + design.spacing, design.spacing), np.arange(0, extent[1] + design.spacing, design.spacing)), -1
+    )
+    grid[1::2, :, 0] += design.spacing / 2
+    centres = grid.reshape(-1, 2) + rng.uniform(-0.2, 0.2, (grid.size // 2, 2)) * design.spacing
+    tints = np.array(design.prints)[rng.integers(len(design.prints), size=len(centres))]
+    return [(c, design.motif * rng.uniform(0.7, 1.2), t, int(rng.integers(3, 7)), rng.uniform(0, 2 * np.pi)) for c, t in zip(centres, tints)]
 
 
 def _stamp(colour: Array, u: Array, v: Array, centre: Array, size: float, tint: Array, petals: int, turn: float) -> None:

@@ -1,8 +1,8 @@
 """A sleeveless top in two panels: a cylinder over the convex hull of the chest, held by two straps over the shoulders.
 
 The cylinder unrolls exactly (u = arc length along the hull, v = height). A strap leaves the cylinder's upper edge as it lies there and
-within `TURN_OUT` of length comes to run in a plane x = const over the shoulder, which is again a cylinder; between the two it is
-stretched by a few per cent at most (`garments.pattern_strain` measures it).
+within `TURN_OUT` of length comes to run in a plane x = const over the shoulder, which is again a cylinder. Between the two it is
+stretched as sewn, by up to 15 % in a few triangles (`garments.pattern_strain`); the rest shape is the pattern, so settling undoes it.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,14 @@ HELD = 0.035  # [m] of strap on either side of the shoulder seam that the body c
 
 @dataclass(frozen=True)
 class TopCut:
-    """Heights of hem and upper edge, distance of the straps from the middle, their width, the ease; all in metres."""
+    """Heights of hem and upper edge, distance of the straps from the middle, their width, ease of chest and straps [m]."""
 
     hem: float
     upper_edge: float
     strap_place: float
-    strap_width: float = 0.055
-    ease: float = 0.014
+    strap_width: float = 0.05
+    ease: float = 0.007
+    strap_ease: float = 0.014
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class _Side:
 
 
 def top(body: Array, cut: TopCut, *, spacing: float, rng: np.random.Generator) -> Garment:
-    """The top around the points body [P, 3] m (arms and head left out), standing and facing +z. The shoulder ends of the straps are the boundary."""
+    """The top around the points body [P, 3] m (arms and head left out), standing and facing +z. Its boundary: the straps' shoulder ends."""
     panels = []
     for side in _sides(body, cut):
         points, faces = triangulate(_outline(side, cut, spacing), spacing, rng)
@@ -61,7 +62,7 @@ def _sides(body: Array, cut: TopCut) -> tuple[_Side, _Side]:
         u = [float(np.interp(x, *_rising(curve[:, 0], s))) for curve, s in zip(halves, lengths)]
         ends = [np.array([np.interp(u[k], lengths[k], halves[k][:, 1]), cut.upper_edge]) for k in (0, 1)]
         near = body[(np.abs(body[:, 0] - x) < cut.strap_width / 2 + 0.01) & (body[:, 1] > cut.upper_edge)]
-        path = bridge(ends[0], ends[1], near[:, [2, 1]], ease=cut.ease)
+        path = bridge(ends[0], ends[1], near[:, [2, 1]], ease=cut.strap_ease)
         peak = int(path[:, 1].argmax())
         straps[0].append((u[0], x, path[: peak + 1]))
         straps[1].append((u[1], x, path[peak:][::-1]))

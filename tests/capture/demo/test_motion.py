@@ -81,6 +81,8 @@ def test_a_limb_reaches_its_target_with_its_bones() -> None:
 
 def test_a_limb_stretches_towards_what_it_cannot_reach() -> None:
     rest = np.array([[0, 0, 0], [0, -0.4, 0], [0, -0.8, 0.0]])
-    upper, lower = two_bone_limb(np.zeros((1, 3)), np.array([[2.0, 0, 0]]), rest, np.array([[0, 0, 1.0]]), rest_facing=np.array([0, 0, 1.0]))
+    upper, lower = two_bone_limb(
+        np.zeros((1, 3)), np.array([[2.0, 0, 0]]), rest, np.array([[0, 0, 1.0]]), rest_facing=np.array([0, 0, 1.0])
+    )
     end = upper @ (rest[1] - rest[0]) + lower @ (rest[2] - rest[1])
     assert_allclose(end, [[0.8 * 0.999, 0, 0]], atol=1e-12)

@@ -1,0 +1,101 @@
+"""Cloth never crosses anything; starts and colliders that would make it are repaired, or named."""
+
+import ipctk
+import numpy as np
+import pytest
+
+from tasks.geometry.faults import BadInput
+from tasks.geometry.meshes import edges
+from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
+from tests.simulator.scenes import run, sheet, sphere, still
+
+
+def crosses(frame, cloth, collider_faces):
+    """Exact test of ipctk on cloth and collider; pairs of collider and collider left out."""
+    V = len(frame.x)
+    X = np.asfortranarray(np.concatenate([frame.x, frame.collider]))
+    F = np.asfortranarray(np.concatenate([cloth.faces, collider_faces + V]).astype(np.int32))
+    mesh = ipctk.CollisionMesh(X, np.asfortranarray(edges(F)), F)
+    mesh.can_collide = ipctk.make_vertex_patches_filter(np.concatenate([np.arange(1, V + 1), np.zeros(len(frame.collider))]).astype(np.int32))
+    return ipctk.has_intersections(mesh, X)
+
+
+def test_drop_on_a_sphere_crosses_nothing():
+    x, faces = sheet(13, 13, length=0.5, width=0.5)
+    ball = sphere(2, 0.1)
+    cloth = Cloth(x - [0.25, -0.105, 0.25], faces)
+    frames = run(cloth, Fabric(), still(10, cloth, ball), settings=Settings(integrator="backward_euler", substeps=1))
+    assert not any(crosses(f, cloth, ball[1]) for f in frames)
+    assert frames[-1].x[:, 1].min() < 0 and np.linalg.norm(frames[-1].x, axis=1).min() > 0.099  # it hangs around the ball
+    frames[-1].x[84] = 0  # the middle vertex, pushed into the ball
+    assert crosses(frames[-1], cloth, ball[1])
+
+
+def test_offset_is_kept():
+    x, faces = sheet(5, 5, length=0.1, width=0.1)
+    ball = sphere(2, 0.1)
+    cloth = Cloth(x - [0.05, -0.11, 0.05], faces)
+    frames = run(cloth, Fabric(), still(6, cloth, ball), settings=Settings(contact_offset=4e-3))
+    inner = 0.1 * np.cos(0.17)  # a face's middle lies inside the sphere
+    assert np.linalg.norm(frames[-1].x, axis=1).min() > inner + 4e-3
+
+
+def test_start_is_separated_by_about_the_overlap():
+    x, faces = sheet(16, 16, length=0.6, width=0.6)
+    ball = sphere(3, 0.1)
+    cloth = Cloth(x - [0.3, -0.085, 0.3], faces)
+    frames = run(cloth, Fabric(), still(2, cloth, ball))
+    assert 0.0145 < frames[0].moved < 0.018 and not crosses(frames[0], cloth, ball[1])
+
+
+def test_start_that_crosses_is_described():
+    x, faces = sheet(16, 16, length=0.6, width=0.6)
+    ball = sphere(3, 0.1)
+    cloth = Cloth(x - [0.3, -0.085, 0.3], faces)
+    frames = list(simulate(cloth, Fabric(), fps=25, settings=Settings(separate_start=False), **still(3, cloth, ball)))
+    assert len(frames) == 1 and not frames[0].converged
+    assert "crosses cloth face" in frames[0].ending and "further crossings" in frames[0].ending
+
+
+def pressing(gap_end):
+    """Two balls that close in on a curtain between them until their centres are 2·gap_end apart."""
+    x, faces = sheet(12, 12, length=0.4, width=0.4)
+    x = x[:, [1, 0, 2]] + [0, -0.2, -0.2]
+    cloth = Cloth(x, faces, np.flatnonzero(x[:, 1] > 0.199))
+    ball, ball_faces = sphere(2, 0.1)
+    gaps = np.interp(np.arange(7), [0, 5], [0.13, gap_end])
+    motion = np.stack([np.concatenate([ball + [g, 0, 0], ball - [g, 0, 0]]) for g in gaps])
+    motions = still(7, cloth) | {"collider": Collider(np.concatenate([ball_faces, ball_faces + len(ball)])), "collider_motion": motion}
+    return cloth, motions
+
+
+def test_pinching_collider_gives_way():
+    cloth, motions = pressing(0.06)
+    frames = run(cloth, Fabric(), motions, settings=Settings(substeps=2))
+    assert not frames[0].yielded and frames[-1].yielded
+    assert 0.04 < frames[-1].yielded.depth.max() < 0.06  # half the overlap of 80 mm and the clearance, somewhat more off the axis
+    assert not crosses(frames[-1], cloth, motions["collider"].faces)
+
+
+def test_pinching_collider_that_may_not_give_way_ends_with_the_place():
+    cloth, motions = pressing(0.06)
+    *_, last = simulate(cloth, Fabric(), fps=25, settings=Settings(substeps=1, halvings=0, yield_collider=False), **motions)
+    assert not last.converged and "blocked" in last.ending and "collider vertices" in last.ending
+
+
+def test_pins_under_the_skin():
+    """A curtain whose rail lies 3 mm inside the collider."""
+    ball = sphere(3, 0.1)
+    x, faces = sheet(5, 5, length=0.1, width=0.1)
+    cloth = Cloth(x + [0.0, 0.0, -0.05], faces, np.arange(2, 3))
+    lowered = cloth.x_rest + [0.0, 0.097, 0.0]
+    cloth = Cloth(lowered, faces, np.arange(2, 3))
+    frames = run(cloth, Fabric(), still(4, cloth, ball))
+    assert frames[-1].yielded and np.allclose(frames[-1].x[2], lowered[2]) and not crosses(frames[-1], cloth, ball[1])
+
+
+def test_bad_arrays_are_all_named():
+    cloth = Cloth(*sheet(3, 3))
+    with pytest.raises(BadInput) as error:
+        simulate(cloth, Fabric(), Collider([[0, 1, 9]]), collider_motion=np.zeros((3, 3, 3)), boundary_motion=np.zeros((2, 1, 3)), fps=0)
+    assert {fault.where for fault in error.value.faults} == {"boundary_motion", "collider_motion", "collider.faces", "fps"}

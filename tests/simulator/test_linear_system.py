@@ -1,0 +1,59 @@
+"""Assembly against a dense sum, Cholesky against numpy, and the fallback against both."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix, random_array
+
+from tasks.simulator.linear_system import LinearSystem, NotPositiveDefinite, _lu
+from tasks.simulator.potential import Blocks
+
+
+def blocks(rng, stencils):
+    B = rng.normal(size=(len(stencils), 3 * stencils.shape[1], 3 * stencils.shape[1]))
+    return Blocks(stencils, B @ B.transpose(0, 2, 1))
+
+
+def dense(terms, vertices, free):
+    A = np.zeros((3 * vertices, 3 * vertices))
+    for term in terms:
+        if isinstance(term, Blocks):
+            A += term.times(np.eye(3 * vertices).reshape(-1, vertices, 3)).reshape(A.shape)
+        else:
+            A += term.toarray()[: len(A), : len(A)]
+    rows = (3 * free[:, None] + np.arange(3)).ravel()
+    return A[np.ix_(rows, rows)]
+
+
+@pytest.fixture
+def case():
+    rng = np.random.default_rng(2)
+    stencils = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 2]], np.int32)
+    system = LinearSystem(6, np.array([1]), [stencils])
+    masses = Blocks(np.arange(6, dtype=np.int32)[:, None], np.tile(np.eye(3), (6, 1, 1)))
+    G = random_array((24, 24), density=0.1, rng=rng)
+    contact = csc_matrix(G @ G.T)  # cloth and two collider vertices, with pairs that no stencil has
+    return system, [blocks(rng, stencils), masses, contact]
+
+
+def test_assembly(case):
+    system, terms = case
+    expected = dense(terms, 6, system.free)
+    np.testing.assert_allclose(np.tril(system.assemble(terms).toarray()), np.tril(expected), atol=1e-12)
+    np.testing.assert_allclose(np.tril(system.assemble(terms[:2]).toarray()), np.tril(dense(terms[:2], 6, system.free)), atol=1e-12)
+
+
+def test_solution(case):
+    system, terms = case
+    A, b = system.assemble(terms), np.random.default_rng(0).normal(size=(system.size, 2))
+    expected = np.linalg.solve(dense(terms, 6, system.free), b)
+    for factorise in (system.factorise, _lu):
+        np.testing.assert_allclose(factorise(A).solve(b), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_indefinite_matrices_are_refused(case):
+    system, terms = case
+    low = np.linalg.eigvalsh(dense(terms, 6, system.free))[0]
+    shift = Blocks(terms[1].stencils, -1.1 * low * terms[1].values)
+    for factorise in (system.factorise, _lu):
+        with pytest.raises(NotPositiveDefinite):
+            factorise(system.assemble([*terms, shift]))

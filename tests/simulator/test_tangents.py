@@ -1,0 +1,71 @@
+"""Tangents against central differences of whole simulations, over windows of ten frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.simulator import Cloth, Fabric, Settings
+from tests.simulator.scenes import run, sheet, sphere, still
+
+FRAMES = 11
+TIGHT = Settings(integrator="bdf2", substeps=2, acceleration_tolerance=1e-8)
+CHANGE = {
+    "log_density": lambda f, e: replace(f, density=f.density * np.exp(e)),
+    "log_membrane": lambda f, e: replace(f, membrane=f.membrane * np.exp(e)),
+    "log_bending": lambda f, e: replace(f, bending=f.bending * np.exp(e)),
+    "log_rest_scale": lambda f, e: replace(f, rest_scale=f.rest_scale * np.exp(e)),
+    "orthotropy": lambda f, e: replace(f, orthotropy=f.orthotropy + e),
+    "friction": lambda f, e: replace(f, friction=f.friction + e),
+}
+
+
+def _scene():
+    """A cloth that hangs by an edge over a sphere which pushes it aside and rubs along it."""
+    x, faces = sheet(6, 6, length=0.3, width=0.3)
+    cloth = Cloth(x, faces, np.arange(6))
+    ball, ball_faces = sphere(2, 0.08)
+    motions = still(FRAMES, cloth, (ball + [0.17, -0.0851, 0.15], ball_faces))
+    way = np.linspace(0, 1, FRAMES)[:, None, None]
+    motions["collider_motion"] = motions["collider_motion"] + 0.02 * way * np.array([0.0, 1.0, 1.0])
+    return cloth, motions
+
+
+def _ends(cloth, fabric, motions, settings, **others):
+    frame = run(cloth, fabric, motions, settings=settings, **others)[-1]
+    return np.stack([frame.x, frame.v])
+
+
+def _relative(tangent, difference):
+    return np.linalg.norm(tangent[0] - difference[0]) / np.linalg.norm(difference[0])
+
+
+@pytest.mark.parametrize("name", CHANGE)
+@pytest.mark.parametrize("integrator", ["bdf2", "backward_euler"])
+def test_parameters_against_central_differences(name, integrator):
+    cloth, motions = _scene()
+    fabric, settings = Fabric(bending=20, friction=0.3, orthotropy=0.1), replace(TIGHT, integrator=integrator)
+    frame = run(cloth, fabric, motions, settings=settings, tangents=(name,))[-1]
+    e = 1e-5
+    high, low = (_ends(cloth, CHANGE[name](fabric, sign * e), motions, settings) for sign in (1, -1))
+    difference = (high - low) / (2 * e)
+    assert _relative(frame.tangents[name], difference) < 1e-4
+    assert _relative(frame.tangents[name], 1.01 * difference) > 1e-3  # the comparison can tell 1 %
+
+
+def test_start_modes_against_central_differences():
+    cloth, motions = _scene()
+    rng = np.random.default_rng(3)
+    mode = rng.normal(size=(2, *cloth.x_rest.shape)) * np.array([0.01, 0.3])[:, None, None]
+    mode[:, cloth.boundary] = 0
+    x0, v0 = cloth.x_rest, np.zeros_like(cloth.x_rest)
+    frame = run(cloth, Fabric(bending=20), motions, settings=TIGHT, x0=x0, v0=v0, start_modes={"mode": (mode[0], mode[1])})[-1]
+    e = 1e-5
+    high, low = (_ends(cloth, Fabric(bending=20), motions, TIGHT, x0=x0 + s * e * mode[0], v0=v0 + s * e * mode[1]) for s in (1, -1))
+    assert _relative(frame.tangents["mode"], (high - low) / (2 * e)) < 1e-4
+
+
+def test_unknown_parameter_is_named():
+    cloth, motions = _scene()
+    with pytest.raises(KeyError, match="no term has the parameter 'stiffness'; there are .*log_membrane"):
+        run(cloth, Fabric(), motions, settings=TIGHT, tangents=("stiffness",))
