@@ -18,6 +18,7 @@ from typing import Any
 from pydantic import Field, ValidationError, create_model
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from flows.demo import DemoParameters
 from flows.pipeline import STAGES
 from tasks.geometry.faults import BadInput, Fault
 
@@ -31,7 +32,7 @@ class _Places(BaseSettings):
 
     store: Path = Field(Path("artifacts"), description="folder of the artifact store")
     data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
-    effects: Path | None = Field(None, description="folder with effects of your own, one file each")
+    demo: DemoParameters = Field(default_factory=DemoParameters, description="size of the demo recording")
 
     @classmethod
     def settings_customise_sources(cls, settings_cls: type, **sources: PydanticBaseSettingsSource) -> tuple:
@@ -95,6 +96,7 @@ def _explain(file: str, problem: Any) -> Fault:
     if problem["type"] != "extra_forbidden":
         return Fault(f"setting {path}", f"{problem['msg']} (got {problem['input']!r})", f"Correct it in {file}, the environment or the flag.")
     *tables, name = problem["loc"]
-    known = list((STAGES[str(tables[0])].parameters if tables else Settings).model_fields)
+    table = Settings.model_fields[str(tables[0])].annotation if tables else Settings
+    known = list(table.model_fields)
     near = difflib.get_close_matches(str(name), known, 1)
     return Fault(f"setting {path}", "there is no such setting", f"Did you mean '{near[0]}'?" if near else f"Known here: {', '.join(known)}.")

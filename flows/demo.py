@@ -15,14 +15,26 @@ from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
 from tasks.exam.scorer.demo import demo_scores
+from tasks.stage import Parameters
 
 DEMO, SEQUENCE = "demo", "Sequence1"
 TRUTH = "demo.truth"  # the ending closes it to every stage
 COMPARED = ("body", "tracking", "cloth", "appearance")
 
 
-def ensure_demo(data: Path, console: Console) -> None:
+class DemoParameters(Parameters):
+    """Size of the demo recording. Another size wants another data folder: a recording is never overwritten."""
+
+    cameras: int = 8
+    frames: int = 30
+    size: int = 512
+    spp: int = 16
+    seed: int = 2026
+
+
+def ensure_demo(data: Path, parameters: DemoParameters, console: Console) -> None:
     """Make the demo recording below `data`, or go on with one that was interrupted; returns at once when it is there."""
+    from tasks.capture.demo.plan import Request
     from tasks.capture.demo.recording import make_demo_recording
 
     cache = Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser()
@@ -32,7 +44,8 @@ def ensure_demo(data: Path, console: Console) -> None:
         def report(what: str, done: int, total: int) -> None:
             progress.update(row, description=f"demo recording: {what}", completed=done, total=total)
 
-        make_demo_recording(data, data / TRUTH, cache=cache, actor=DEMO, sequence=SEQUENCE, on_progress=report)
+        request = Request(**parameters.model_dump())
+        make_demo_recording(data, data / TRUTH, cache=cache, actor=DEMO, sequence=SEQUENCE, request=request, on_progress=report)
 
 
 def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRef]) -> dict[str, Any] | None:

@@ -69,7 +69,7 @@ class Submission:
             raise Refused(f"there is no stage {until!r}; the stages are {', '.join(STAGES)}")
         settings = load(overrides, places={"store": store})
         if actor == DEMO:
-            ensure_demo(Path(settings.data), console)
+            ensure_demo(Path(settings.data), settings.demo, console)
         sequence, recording = _find_recording(Path(settings.data), actor, sequence)
         if settings.capture.recording is None:
             settings = load([*overrides, f"capture.recording={recording}"], places={"store": store})

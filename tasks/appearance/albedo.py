@@ -4,8 +4,9 @@ For transport fixed, Î = M ρ (`pixels.py`), and per colour channel
 
     (MᵀM + λ L + ε I) ρ = Mᵀ y + ε ½          L joins texels of the same chart only
 
-is solved by conjugate gradients, and texels that no image determines are filled over the surface (`unseen.py`). Transport depends on ρ through interreflection alone (`radiosity.py`), so two passes suffice: grey,
-then with the texture just found. Replaces the 2000 Adam steps of PhysAvatar supplement A.4 (`inverse_rendering.py` holds them).
+is solved by conjugate gradients; texels that no image determines are filled over the surface (`unseen.py`). Transport depends on ρ
+through interreflection alone (`radiosity.py`), so two passes suffice: grey, then with the texture just found. Replaces the 2000 Adam
+steps of PhysAvatar supplement A.4 (`inverse_rendering.py` holds them).
 
 Gauge: only albedo × light is observed, up to interreflection, so L_a = 1 in every channel (the supplement's start value) and the
 texture takes up the rest. With `fit_gain` each camera and channel has a gain (`camera_gain.py`), of geometric mean 1 over those in the fit.

@@ -7,7 +7,7 @@ A pixel averages 2 × 2 sub-samples; sub-sample s sees a point with irradiance A
 `View` holds the drawn sub-samples of one image. `shade` evaluates Î for a texture, `NormalEquations.add` accumulates MᵀM and Mᵀy of
 the rows of all usable pixels. MᵀM couples texels at most `REACH` apart only, so it is kept as a half stencil and takes 540 bytes a texel
 whatever the number of images. Pixels that reach further (a chart's seam, the outline of one part against another, surfaces
-seen at a glance) are not used and are counted.
+seen at a glance) are not used and are counted. Pixels in deep shadow are not used either.
 """
 
 from dataclasses import dataclass
@@ -146,11 +146,11 @@ def _accumulate(face, texel, light, image, usable, MtM, Mty):
         for j in range(width):
             if not usable[i, j]:
                 continue
-            if _darkest(light, i, j) < DEEP_SHADOW:
-                continue
             r0, r1, c0, c1 = _footprint(face, texel, i, j, rows, columns)
             if r1 - r0 > REACH or c1 - c0 > REACH:
                 left_out += 1
+                continue
+            if _darkest(light, i, j) < DEEP_SHADOW:
                 continue
             used += 1
             block[: r1 - r0 + 1, : c1 - c0 + 1] = 0

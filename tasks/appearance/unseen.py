@@ -1,8 +1,8 @@
 """Colour for texels that no image determines: harmonic over the surface, from what was seen around them.
 
-Filling within a chart stops at its seams and leaves whole small charts to the prior; the surface knows their neighbours. Each vertex takes the
-mean of the observed texels of its faces; vertices without any solve Σ_j (c_i − c_j) = 0 over edges; texels interpolate. A piece of
-which nothing was seen takes the mean observed colour.
+Filling within a chart stops at its seams and leaves whole small charts to the prior; the surface knows their neighbours. Each
+vertex takes the mean of the observed texels of its faces; vertices without any solve Σ_j (c_i − c_j) = 0 over edges; texels
+interpolate. A piece of which nothing was seen takes the mean observed colour.
 """
 
 import numpy as np

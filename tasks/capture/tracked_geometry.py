@@ -90,7 +90,7 @@ def tracked_geometry(arrays: dict[str, np.ndarray], *, name: str) -> TrackedGeom
         vertices=np.where(seen[..., None], vertices, np.nan),
         faces=a["faces"].astype(np.int32),
         fps=float(a["fps"]),
-        observed=seen & a["observed"].astype(bool) if "observed" in a else seen,
+        observed=a["observed"].astype(bool) if "observed" in a else seen,
         boundary=a["boundary"].astype(np.int32) if "boundary" in a else np.zeros(0, np.int32),
         mass_kg=float(a["mass_kg"]) if "mass_kg" in a else None,
         noise_m=np.broadcast_to(_float(a["noise_m"]), (T, V)) if "noise_m" in a else None,

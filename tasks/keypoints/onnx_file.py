@@ -18,7 +18,10 @@ STORED_HALF = 1024  # initialisers with at least this many numbers are stored in
 
 
 def write_onnx(net: WholeBodyNet, path: Path, *, size: tuple[int, int] = INPUT_SIZE) -> None:
-    """Write `net` for crops of `size` (in evaluation mode, whatever mode it is in now) to `path`; input `input`, outputs `simcc_x`, `simcc_y`."""
+    """Write `net` to `path` for crops of `size` (width, height), in evaluation mode whatever mode it is in now.
+
+    Input `input`, outputs `simcc_x`, `simcc_y`, batch size open.
+    """
     model = SimccNet(copy.deepcopy(net), size).eval().to(memory_format=torch.contiguous_format)
     aside = path.with_suffix(".tmp.onnx")
     torch.onnx.export(

@@ -41,7 +41,16 @@ def base_problem(
         *potentials,
     ]
     system = LinearSystem(len(cloth.x_rest), cloth.boundary, [cloth.faces, cloth.hinges])
-    return Problem(terms, system, surface, mass, cloth.boundary, settings.acceleration_tolerance, settings.velocity_tolerance, settings.newton_iterations)
+    return Problem(
+        terms,
+        system,
+        surface,
+        mass,
+        cloth.boundary,
+        settings.acceleration_tolerance,
+        settings.velocity_tolerance,
+        settings.newton_iterations,
+    )
 
 
 def _surface(cloth: Cloth, collider: Collider, collider_rest: Array, settings: Settings) -> ContactSurface:

@@ -40,7 +40,9 @@ class Cloth:
         faults = mesh_faults(self.x_rest, self.faces, "cloth.x_rest", metres=False)
         V, B = len(self.x_rest), self.boundary
         if len(B) and (B.min() < 0 or B.max() >= V or len(np.unique(B)) < len(B)):
-            faults.append(Fault("cloth.boundary", f"{len(B)} entries between {B.min()} and {B.max()} for {V} vertices", "Name each vertex once."))
+            faults.append(
+                Fault("cloth.boundary", f"{len(B)} entries between {B.min()} and {B.max()} for {V} vertices", "Name each vertex once.")
+            )
         if self.uv is not None and self.uv.shape != (len(self.faces), 3, 2):
             faults.append(Fault("cloth.uv", f"shape {self.uv.shape}", f"Give metres per corner of each face, [{len(self.faces)}, 3, 2]."))
         return faults

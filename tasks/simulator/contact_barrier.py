@@ -2,8 +2,8 @@
 
     P = Σ_pairs κ a b(d),   b = −(d² − d̂²)² ln(d²/d̂²)/d̂⁴,   κ = c ρ̄ d̂        a: contact area of the pair [m²]
 
-d is the distance less the thickness offset (in squares, as in Codim-IPC). c [m/s²] is a constant, so that the acceleration by which cloth is
-pushed off depends neither on its density (the gauge (ρ, κ_s, κ_b) → c(ρ, κ_s, κ_b) is exact) nor on the mesh.
+d is the distance less the thickness offset (in squares, as in Codim-IPC). c [m/s²] is a constant, so that the acceleration by which
+cloth is pushed off depends neither on its density (the gauge (ρ, κ_s, κ_b) → c(ρ, κ_s, κ_b) is exact) nor on the mesh.
 `cipc_stiffness` gives the rule of the original instead: one stiffness from the mean nodal mass, no area, no time step.
 
 Source: Li et al. 2020 (IPC), eq. 6; area weights of Li et al. 2023 (convergent IPC), without its inclusion-exclusion, which would give some
@@ -16,6 +16,7 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
+from typing_extensions import override
 
 from tasks.simulator.contact_surface import ContactSurface
 from tasks.simulator.potential import Potential, Step, StepTangent
@@ -32,6 +33,7 @@ class ContactBarrier(Potential):
     time_free: bool = False
     parameters = ("log_density",)
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         X = self.surface.join(x, step.collider)
         pairs = self.surface.pairs(X)
@@ -39,6 +41,7 @@ class ContactBarrier(Potential):
             return 0.0
         return self.scale(step) * self.barrier(pairs, self.surface.mesh, X)
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         X = self.surface.join(x, step.collider)
         pairs = self.surface.pairs(X)
@@ -46,6 +49,7 @@ class ContactBarrier(Potential):
             return np.zeros_like(x)
         return self.scale(step) * self.barrier.gradient(pairs, self.surface.mesh, X).reshape(-1, 3)[: len(x)]
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> csc_matrix:
         X = self.surface.join(x, step.collider)
         pairs = self.surface.pairs(X)
@@ -54,11 +58,13 @@ class ContactBarrier(Potential):
         kind = ipctk.PSDProjectionMethod.CLAMP if convex else ipctk.PSDProjectionMethod.NONE
         return self.scale(step) * self.barrier.hessian(pairs, self.surface.mesh, X, kind)
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         if name != "log_density":
             raise KeyError(name)
         return self.gradient(x, step)
 
+    @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array | None:
         if not d.collider.any():
             return None

@@ -2,19 +2,18 @@
 
     P = Σ_pairs μ λ_n f₀(‖u‖),   u = T_nᵀ (x − x̂),   f₀(y) = y³/(−3ε²) + y²/ε + ε/3 for y < ε = s ε_v, else y
 
-u is the tangential slip of the step in the rule's own velocity times s, so a moving collider drags cloth along; D = P/s is the dissipation [W].
-λ_n and T_n are taken at x_n against the collider at the start of the step: one lagging pass, as in C-IPC.
+u is the tangential slip of the step in the rule's own velocity times s, so a moving collider drags cloth along; D = P/s is the
+dissipation [W]. λ_n and T_n are taken at x_n against the collider at the start of the step: one lagging pass, as in C-IPC.
 
 Source: Li et al. 2020 (IPC), eqs. 11-14. Derivatives by ipctk, those through the lag included.
 Limits: slides at up to ε_v where it ought to stick; the normal force is one step late.
 """
 
-from dataclasses import dataclass
-
 import ipctk
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
+from typing_extensions import override
 
 from tasks.simulator.contact_barrier import ContactBarrier
 from tasks.simulator.potential import Potential, Step, StepTangent
@@ -32,13 +31,16 @@ class ContactFriction(Potential):
         self.barrier, self.collider, self.cloth, self.velocity = barrier, collider, cloth, velocity
         self._lag: tuple[Step, float, float, ipctk.TangentialCollisions] | None = None
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         pairs = self._pairs(step)
         return self.barrier.scale(step) * self._friction(step)(pairs, self._mesh, self._slip(x, step)) if len(pairs) else 0.0
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         return self._gradient(x, step, self._pairs(step))
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> csc_matrix:
         pairs, U = self._pairs(step), self._slip(x, step)
         if not len(pairs):
@@ -46,12 +48,14 @@ class ContactFriction(Potential):
         kind = ipctk.PSDProjectionMethod.CLAMP if convex else ipctk.PSDProjectionMethod.NONE
         return self.barrier.scale(step) * self._friction(step).hessian(pairs, self._mesh, U, kind)
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         if name == "log_density":
             return self.gradient(x, step)
         unit = {"friction": (1.0, 1.0), "friction_collider": (1.0, 0.0), "friction_self": (0.0, 1.0)}[name]
         return self._gradient(x, step, self._build(step, *unit))
 
+    @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array | None:
         pairs = self._pairs(step)
         if not len(pairs):

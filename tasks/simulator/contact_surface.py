@@ -1,7 +1,7 @@
-"""The surface in which contact is looked for: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
+"""The surface of contact: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
 
-Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could answer them.
-Candidates found for a segment x → y hold for every point of it, so that a line search asks the broad phase once.
+Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could
+answer them. Candidates found for a segment x → y hold for every point of it, so that a line search asks the broad phase once.
 
 Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021, both as implemented in ipctk.
 """
@@ -21,7 +21,14 @@ class ContactSurface:
     """Collision mesh of V cloth and C collider vertices; keeps the candidates and the pairs of the place last asked for."""
 
     def __init__(
-        self, cloth: Cloth, collider: Collider, collider_rest: Array, *, barrier_distance: float, offset: float = 0.0, area_weighting: bool = True
+        self,
+        cloth: Cloth,
+        collider: Collider,
+        collider_rest: Array,
+        *,
+        barrier_distance: float,
+        offset: float = 0.0,
+        area_weighting: bool = True,
     ) -> None:
         """barrier_distance d̂ [m]: surfaces closer than offset + d̂ repel; offset [m]: they never come closer than this."""
         ipctk.set_num_threads(1)  # sums in a fixed order: the same input gives the same bits

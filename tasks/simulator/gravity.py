@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from tasks.simulator.potential import Blocks, Potential, Step
 
@@ -19,15 +20,19 @@ class Gravity(Potential):
     g: tuple[float, float, float] = STANDARD
     parameters = ("log_density",)
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         return -float(self.mass @ (x @ np.asarray(self.g)))
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         return -self.mass[:, None] * np.asarray(self.g)
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
         return Blocks(np.empty((0, 1), np.int32), np.empty((0, 3, 3)))
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         if name != "log_density":
             raise KeyError(name)

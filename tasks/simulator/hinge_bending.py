@@ -6,8 +6,8 @@
 for the hinge (a, b, c, d): shared edge e = b − a, opposite corners c and d, area vectors N₁ = (b−a)×(c−a), N₂ = (a−b)×(d−b);
 θ is the angle from N₁ to N₂ about e. The Hessian follows by differentiating w and the factors before it.
 
-Source: Grinspun et al. 2003 (discrete shells); gradient as in Bridson, Marino, Fedkiw 2003. Limits: θ jumps by 2π for cloth folded beyond π,
-which contact excludes. The convex neighbour is Gauss-Newton: it drops (θ − θ̄) ∂²θ.
+Source: Grinspun et al. 2003 (discrete shells); gradient as in Bridson, Marino, Fedkiw 2003. Limits: θ jumps by 2π for cloth folded
+beyond π, which contact excludes. The convex neighbour is Gauss-Newton: it drops (θ − θ̄) ∂²θ.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from tasks.geometry.meshes import face_areas
 from tasks.simulator.cloth import Cloth
@@ -36,6 +37,7 @@ class HingeBending(Potential):
     coupled: bool = False
 
     @property
+    @override
     def parameters(self) -> tuple[str, ...]:
         return ("log_bending", "log_membrane") if self.coupled else ("log_bending",)
 
@@ -47,15 +49,19 @@ class HingeBending(Potential):
         θ = angles(cloth.x_rest, hinges)
         return cls(hinges, k * hinge_shape(cloth), θ if cloth.rest_angles == "worn" else np.zeros_like(θ), coupled)
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         return float(self.weight @ (angles(x, self.hinges) - self.rest_angle) ** 2)
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         return _gradient(x, self.hinges, self.weight, self.rest_angle)
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
         return Blocks(self.hinges, _hessian(x, self.hinges, self.weight, self.rest_angle, convex))
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         if name not in self.parameters:
             raise KeyError(name)

@@ -9,6 +9,7 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from tasks.simulator.cloth import Cloth
 from tasks.simulator.potential import Blocks, Potential, Step, StepTangent
@@ -40,22 +41,27 @@ class Inertia(Potential):
             np.add.at(np.moveaxis(out, -2, 0), self.stencils[:, p], np.moveaxis(local[..., p, :], -2, 0))
         return out
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         d = x - step.x_tilde
         return 0.5 * float(np.sum(d * self.times(d))) / step.s**2
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         return self.times(x - step.x_tilde) / step.s**2
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
         K, m = self.stencils.shape
         values = np.einsum("kpq,ij->kpiqj", self.values / step.s**2, np.eye(3)).reshape(K, 3 * m, 3 * m)
         return Blocks(self.stencils, values)
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         if name != "log_density":
             raise KeyError(name)
         return self.gradient(x, step)
 
+    @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array:
         return -self.times(d.x_hat + step.s * d.v_hat) / step.s**2

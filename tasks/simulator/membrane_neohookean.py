@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from tasks.simulator import strain
 from tasks.simulator.cloth import Cloth
@@ -41,6 +42,7 @@ class MembraneNeoHookean(Potential):
         c, Et, ν = fabric.rest_scale, fabric.stretch_stiffness, fabric.poisson
         return cls(cloth.faces, N / c, area * c**2, Et / (2 * (1 + ν)), Et * ν / (1 - ν**2))
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         C = strain.metric(x, self.faces, self.N)
         determinant = C[:, 0] * C[:, 1] - C[:, 2] ** 2
@@ -50,14 +52,17 @@ class MembraneNeoHookean(Potential):
         ψ = self.mu / 2 * (C[:, 0] + C[:, 1] - 2 - 2 * lnJ) + self.lam / 2 * lnJ**2
         return float(self.area @ ψ)
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         S, _ = _response(strain.metric(x, self.faces, self.N), self.mu, self.lam)
         return strain.gradient(x, self.faces, self.N, self.area, S)
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
         S, D = _response(strain.metric(x, self.faces, self.N), self.mu, self.lam)
         return Blocks(self.faces, strain.hessian(x, self.faces, self.N, self.area, S, D, convex))
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         C = strain.metric(x, self.faces, self.N)
         S, D = _response(C, self.mu, self.lam)

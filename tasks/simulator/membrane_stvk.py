@@ -1,10 +1,11 @@
 """St Venant-Kirchhoff membrane under plane stress, isotropic or orthotropic in the pattern directions.
 
-    ψ = ½ Eᵀ 𝔻 E  [J/m²],   𝔻 = 1/(1 − ν²) [E_u, ν E, 0; ν E, E_v, 0; 0, 0, ½(1 − ν) E] · t,   E_u = E e^a, E_v = E e^−a  (Voigt, last strain 2E₁₂)
+    ψ = ½ Eᵀ 𝔻 E  [J/m²],   𝔻 = t/(1 − ν²) [E_u, ν E, 0; ν E, E_v, 0; 0, 0, ½(1 − ν) E],   E_u = E e^a,  E_v = E e^−a
 
-For a = 0 this is t [μ E:E + ½ λ tr(E)²] with μ = E/(2(1 + ν)), λ = E ν/(1 − ν²) (plane stress).
+in Voigt order, the last strain being 2E₁₂. For a = 0 this is t [μ E:E + ½ λ tr(E)²] with μ = E/(2(1 + ν)), λ = E ν/(1 − ν²) (plane stress).
 
-Source: PhysAvatar eq. 7; Bonet & Wood §6.6. Limits: linear in Green strain; softens, then inverts, under compression beyond 1/√3 of the length.
+Source: PhysAvatar eq. 7; Bonet & Wood §6.6. Limits: linear in Green strain; softens, then inverts, under compression to less than
+1/√3 of the length.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from tasks.simulator import strain
 from tasks.simulator.cloth import Cloth
@@ -41,17 +43,21 @@ class MembraneStVK(Potential):
         D, dD = plane_stress(Et, fabric.poisson, a)
         return cls(cloth.faces, N / c, area * c**2, np.tile(D, (F, 1, 1)), np.tile(dD, (F, 1, 1)))
 
+    @override
     def energy(self, x: Array, step: Step) -> float:
         E = self._strain(x)
         return 0.5 * float(np.einsum("f,fi,fij,fj->", self.area, E, self.D, E, optimize=True))
 
+    @override
     def gradient(self, x: Array, step: Step) -> Array:
         return strain.gradient(x, self.faces, self.N, self.area, _apply(self.D, self._strain(x)))
 
+    @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
         S = _apply(self.D, self._strain(x))
         return Blocks(self.faces, strain.hessian(x, self.faces, self.N, self.area, S, self.D, convex))
 
+    @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
         E = self._strain(x)
         S = {

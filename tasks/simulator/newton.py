@@ -1,9 +1,9 @@
 """One implicit step: Newton's method on the sum of the potentials, along paths free of contact.
 
 First the prescribed nodes and the collider are carried to their targets *inside* Newton's steps: with Δ the rest of their way,
-H p = −∇P − H_prescribed Δ is the answer of the cloth to first order, and continuous collision detection says how much of (p, Δ) may be done.
-Then plain Newton with backtracking (Armijo) until the residual acceleration √(Σ‖∂P/∂x‖²/m / Σm) is small. The exact Hessian is tried first and
-the convex neighbour of every term only when Cholesky fails.
+H p = −∇P − H_prescribed Δ is the answer of the cloth to first order, and continuous collision detection says how much of (p, Δ) may be
+done. Then plain Newton with backtracking (Armijo) until the residual acceleration √(Σ‖∂P/∂x‖²/m / Σm) is small. The exact Hessian is
+tried first and the convex neighbour of every term only when Cholesky fails.
 
 Source: Nocedal & Wright, ch. 3; Li et al. 2020 (IPC), §4 for the step bound.
 """
@@ -43,7 +43,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be solved in every step: the terms, the system of free nodes, the surface of contact, nodal masses [V], the tolerance [m/s²]."""
+    """What every step solves: terms, system of free nodes, surface of contact, nodal masses [V] kg, tolerances [m/s²], [m/s]."""
 
     potentials: Sequence[Potential]
     system: LinearSystem
@@ -119,7 +119,7 @@ def solve(problem: Problem, x: Array, step: Step, *, boundary_target: Array) -> 
         advance = _advance(problem, x, step, boundary_target, patience)
         if not advance.converged:
             return advance
-        return _minimise(problem, advance.x, step, advance.iterations, patience)
+        return minimise(problem, advance.x, step, advance.iterations, patience)
     except NotPositiveDefinite:
         return Solution(x, "the Hessian overflowed: the start is not finite or surfaces touch; see the frame before", 0, np.inf)
 
@@ -187,7 +187,9 @@ def _relax(problem: Problem, x: Array, step: Step, patience: Patience) -> tuple[
     return x, 3
 
 
-def _minimise(problem: Problem, x: Array, step: Step, iterations: int, patience: Patience) -> Solution:
+def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, patience: Patience | None = None) -> Solution:
+    """From x [V, 3] where boundary and collider are at their targets already; `iterations` have been spent on that."""
+    patience = patience or Patience()
     while True:
         g = problem.gradient(x, step)
         residual = problem.residual(g)

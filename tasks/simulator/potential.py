@@ -1,10 +1,12 @@
 """The one interface of everything that acts on cloth: a term P(x | history, θ) of the incremental potential.
 
 A step of the implicit rule  x = x̂ + s v,  v = v̂ + s a  (x̂, v̂ known, s = ∂x/∂v) makes the sum of all terms stationary, Σ ∇P(x) = 0 [N].
-Inertia is the term ½‖x − x̃‖²_M / s² with x̃ = x̂ + s v̂; a conservative energy enters as itself; a dissipation D(v) [W] enters as P = s·D((x − x̂)/s),
-because ∂P/∂x is then the force ∂D/∂v; a force without potential enters lagged, as −f(history)·x. Hence all Hessians are symmetric.
+Inertia is the term ½‖x − x̃‖²_M / s² with x̃ = x̂ + s v̂; a conservative energy enters as itself; a dissipation D(v) [W] enters as P =
+s·D((x − x̂)/s), because ∂P/∂x is then the force ∂D/∂v; a force without potential enters lagged, as −f(history)·x. Hence all Hessians
+are symmetric.
 
-Source: Kane et al. 2000 (variational integrators with dissipation); Li et al. 2020 (IPC), eq. 4, generalised here to any linear multistep rule.
+Source: Kane et al. 2000 (variational integrators with dissipation); Li et al. 2020 (IPC), eq. 4, generalised here to any linear
+multistep rule.
 """
 
 from dataclasses import dataclass
@@ -88,7 +90,10 @@ class Potential(Protocol):
         ...
 
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks | csc_matrix:
-        """∂²P/∂x²: exact, or with `convex` a positive semi-definite neighbour. A sparse matrix covers cloth and collider, [3(V+C), 3(V+C)]."""
+        """∂²P/∂x²: exact, or with `convex` a positive semi-definite neighbour.
+
+        A sparse matrix covers cloth and collider, [3(V+C), 3(V+C)].
+        """
         ...
 
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:

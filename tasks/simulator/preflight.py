@@ -1,8 +1,8 @@
 """Before the first step: where cloth crosses itself or the collider, and the smallest move that frees it from the collider.
 
-`inspect` lists places. `separate` draws the collider in wherever it is in the way and lets it push out again, as slowly as contact needs, against
-½‖x − x₀‖²_M/s² and the cloth's own stiffness: of all shapes free of contact the one that costs least. Cloth that crosses *itself* is reported,
-not repaired: which side it should be on is not in the data.
+`inspect` lists places. `separate` draws the collider in wherever it is in the way and lets it push out again, as slowly as contact
+needs, against ½‖x − x₀‖²_M/s² and the cloth's own stiffness: of all shapes free of contact the one that costs least. Cloth that
+crosses *itself* is reported, not repaired: which side it should be on is not in the data.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +46,13 @@ def inspect(problem: Problem, cloth: Cloth, collider: Collider, x: Array, collid
     surface.forget()
     if not crossings and surface.least_distance(X) <= surface.offset * (1 + 1e-9):
         d = surface.least_distance(X)
-        faults.append(Fault("x0", f"surfaces are {1e3 * d:.4f} mm apart, the offset is {1e3 * surface.offset:.4f} mm", "Lower contact_offset or move them apart."))
+        faults.append(
+            Fault(
+                "x0",
+                f"surfaces are {1e3 * d:.4f} mm apart, the offset is {1e3 * surface.offset:.4f} mm",
+                "Lower contact_offset or move them apart.",
+            )
+        )
     return faults
 
 

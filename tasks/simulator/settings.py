@@ -9,15 +9,16 @@ class Settings:
     """Numerical choices. Accelerations in m/s², lengths in m, velocities in m/s.
 
     integrator, substeps: implicit rule and steps per frame (h = 1/(fps·substeps)).
-    membrane: "stvk" (the base model) or "neo_hookean" (C-IPC). bending "coupled": hinge stiffness carries κ_s as well, as in PhysAvatar's code.
-    barrier_distance d̂: cloth is repelled within it. contact_offset: least distance kept between surfaces (thickness).
+    membrane: "stvk" (the base model) or "neo_hookean" (C-IPC). bending "coupled": hinge stiffness carries κ_s as well, as in
+    PhysAvatar's code. barrier_distance d̂: cloth is repelled within it. contact_offset: least distance kept between surfaces (thickness).
     contact_acceleration c: strength of the barrier per areal density. barrier "cipc": the original's stiffness rule.
     friction_velocity ε_v: slip below which friction is smoothed.
     acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it.
     velocity_tolerance: it is also done when Newton's step divided by h, root mean square, is below it (C-IPC's rule, 1e-3; 0: never).
     newton_iterations: most iterations per step. halvings: how often a step that fails may be halved.
-    gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts, or covers a prescribed node, give way there.
-    separate_start: free a start that touches the collider by the smallest move; otherwise such a start ends the simulation with the places.
+    gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts, or covers a prescribed node, give way
+    there. separate_start: free a start that touches the collider by the smallest move; otherwise such a start ends the simulation with
+    the places.
     """
 
     integrator: Literal["bdf2", "backward_euler"] = "bdf2"
@@ -37,3 +38,6 @@ class Settings:
     gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
     yield_collider: bool = True
     separate_start: bool = True
+
+
+BASE = Settings()

@@ -14,7 +14,7 @@ from tasks.simulator.fabric import Fabric
 from tasks.simulator.newton import CONVERGED, Problem, Solution, solve
 from tasks.simulator.potential import Potential, Step
 from tasks.simulator.preflight import Separated, inspect, separate
-from tasks.simulator.settings import Settings
+from tasks.simulator.settings import BASE, Settings
 from tasks.simulator.tangents import Tangents
 from tasks.simulator.time_integration import Rule, State, known, rule
 from tasks.simulator.yielding import Yielded, give_way
@@ -27,8 +27,8 @@ class Frame:
     """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
-    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the largest
-    move that freed the start from the collider. `seconds`: processor time.
+    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the
+    largest move that freed the start from the collider. `seconds`: processor time.
     """
 
     index: int
@@ -38,7 +38,7 @@ class Frame:
     tangents: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     newton_iterations: int = 0
     ending: str = CONVERGED
-    yielded: Yielded = Yielded(np.empty(0))
+    yielded: Yielded = field(default_factory=lambda: Yielded(np.empty(0)))
     moved: float = 0.0
     seconds: float = 0.0
 
@@ -58,7 +58,7 @@ def simulate(
     fps: float,
     x0: Array | None = None,
     v0: Array | None = None,
-    settings: Settings = Settings(),
+    settings: Settings = BASE,
     potentials: Sequence[Potential] = (),
     tangents: Sequence[str] = (),
     start_modes: Mapping[str, tuple[Array, Array]] | None = None,
@@ -118,7 +118,9 @@ class _Walk:
         """Take the first state, freed from the collider [C, 3] where it must be."""
         self.now = State(x, v, collider)
         collider = self._yielded(collider, x[self.cloth.boundary])
-        free = separate(self.problem, self.cloth, self.collider, x, collider) if self.settings.separate_start else self._checked(x, collider)
+        free = (
+            separate(self.problem, self.cloth, self.collider, x, collider) if self.settings.separate_start else self._checked(x, collider)
+        )
         self.now = self.before = State(free.x, v, collider)
         return free
 

@@ -5,7 +5,8 @@
     ∂P/∂x_p    = Ā [ S₁₁ f₁ N_p1 + S₂₂ f₂ N_p2 + S₁₂ (f₁ N_p2 + f₂ N_p1) ]
     ∂²P/∂x_p∂x_q = Ā [ B_pᵀ 𝔻 B_q + (N_p · S · N_q) I ],   B_p = ∂(E₁₁, E₂₂, 2E₁₂)/∂x_p
 
-The convex neighbour replaces S by its positive part (2×2 eigenvalues): tension stiffens the triangle sideways, compression does not soften it.
+The convex neighbour replaces S by its positive part (2×2 eigenvalues): tension stiffens the triangle sideways, compression does not
+soften it.
 
 Source: Bonet & Wood, Nonlinear Continuum Mechanics, §9.3 (membranes). Limits: constant strain per triangle.
 """

@@ -1,13 +1,16 @@
 """Implicit rules  y_{n+1} = ŷ + s ẏ_{n+1},  ŷ = a₀ y_n + a₁ y_{n−1}  for y = (x, v), with variable steps.
 
-    backward Euler   s = h,                      a = (1, 0)                              order 1
-    BDF2             s = h (1+ω)/(1+2ω),         a = ((1+ω)²/(1+2ω), −ω²/(1+2ω)),  ω = h/h_previous      order 2; the first step is backward Euler
+    backward Euler   s = h,                   a = (1, 0)                                           order 1
+    BDF2             s = h (1+ω)/(1+2ω),      a = ((1+ω)²/(1+2ω), −ω²/(1+2ω)),  ω = h/h_previous   order 2
 
-Numerical damping of an undamped oscillator of frequency f (amplitude kept per period, measured by the tests):
-    backward Euler   ≈ exp(−2π² f h): 46 % at 1 Hz and h = 40 ms, a 40 ms damper; 82 % at h = 10 ms
-    BDF2             ≈ exp(−π (2πfh)³/2): 97.8 % at 1 Hz and h = 40 ms, 99.96 % at h = 10 ms; both damp everything above 1/h strongly (L-stable)
+The first step of BDF2 is backward Euler. Numerical damping of an undamped oscillator of frequency f, as amplitude kept per period:
 
-Source: Hairer & Wanner, Solving ODEs II, §V.1; variable-step coefficients: Celaya et al. 2014, eq. 5.
+    backward Euler   ≈ exp(−2π² f h)          46 % at 1 Hz and h = 40 ms (a 40 ms damper), 82 % at h = 10 ms
+    BDF2             ≈ exp(−π (2πfh)³/2)      97.9 % at 1 Hz and h = 40 ms, 99.96 % at h = 10 ms
+
+Both damp everything above 1/h strongly (L-stable).
+
+Source: Hairer & Wanner, Solving ODEs II, §V.1; variable-step coefficients as in Celaya et al. 2014.
 """
 
 from dataclasses import dataclass

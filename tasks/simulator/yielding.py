@@ -1,13 +1,14 @@
 """Where a collider gives way: skin that meets skin would pinch cloth into nothing, and skin in front of a pinned node cannot be obeyed.
 
-Three demands, each a depth [m] by which collider vertices are drawn in along their normals (c: clearance, two barrier distances and the offset):
+Three demands, each a depth [m] by which collider vertices are drawn in along their normals (c: clearance, two barrier distances and
+the offset):
 
     penetration   skin inside another part of the collider, by p                       ½ p + c
     narrow gap    skin that faces other skin at a distance g < 2c                      ½ (2c − g)
     pins          a prescribed cloth node at signed distance σ < c, near its foot      c − σ
 
-p is the distance to the nearest skin that looks elsewhere, g that along the normal; inside by the generalised winding number (Jacobson et al.
-2013). As normals are not the shortest way out, the drawn-in skin is examined again, eight times at most.
+p is the distance to the nearest skin that looks elsewhere, g that along the normal; inside by the generalised winding number (Jacobson
+et al. 2013). As normals are not the shortest way out, the drawn-in skin is examined again, eight times at most.
 Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than 0.1 m.
 """
 
@@ -40,7 +41,8 @@ class Yielded:
     def __str__(self) -> str:
         if not self:
             return "the collider did not give way"
-        return f"{np.count_nonzero(self.depth)} collider vertices gave way, at most {1e3 * self.depth.max():.1f} mm at vertex {int(self.depth.argmax())}"
+        worst = int(self.depth.argmax())
+        return f"{np.count_nonzero(self.depth)} collider vertices gave way, at most {1e3 * self.depth[worst]:.1f} mm at vertex {worst}"
 
 
 def give_way(collider: Array, faces: Indices, *, cloth: Array, pins: Array, clearance: float) -> tuple[Array, Yielded]:
@@ -101,7 +103,7 @@ def _ring_maximum(depth: Array, faces: Indices) -> Array:
 
 @njit(cache=True, nogil=True)
 def _nearest_facing_away(x, asked, normal, faces, away):
-    """Distance [P] from each asked vertex to the centre of the nearest face that looks elsewhere (cosine below ½), infinite beyond 2·MOST."""
+    """Distance [P] from asked vertices to the centre of the nearest face that looks elsewhere (cosine < ½), infinite beyond 2·MOST."""
     p = np.full(len(asked), np.inf)
     for i in range(len(asked)):
         v = asked[i]
@@ -117,7 +119,7 @@ def _nearest_facing_away(x, asked, normal, faces, away):
 
 @njit(cache=True, nogil=True)
 def _gap(x, asked, normal, faces, away, reach):
-    """Distance [P] along each asked vertex's normal to the first face that looks against it, infinite beyond reach (Möller & Trumbore 1997)."""
+    """Distance [P] along asked vertices' normals to the first face that looks against them, infinite beyond reach (Möller, Trumbore)."""
     t = np.full(len(asked), np.inf)
     for i in range(len(asked)):
         o, d = x[asked[i]], normal[asked[i]]

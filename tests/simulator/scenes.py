@@ -3,6 +3,7 @@
 import numpy as np
 
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings, simulate
+from tasks.simulator.settings import BASE
 
 
 def sheet(rows: int, columns: int, *, length: float = 1.0, width: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -11,7 +12,9 @@ def sheet(rows: int, columns: int, *, length: float = 1.0, width: float = 1.0) -
     i = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
     odd = (np.add.outer(np.arange(rows - 1), np.arange(columns - 1)) % 2).ravel().astype(bool)
-    one = np.where(odd[:, None, None], np.stack([[a, d, c], [a, c, b]]).transpose(2, 0, 1), np.stack([[a, d, b], [b, d, c]]).transpose(2, 0, 1))
+    one = np.where(
+        odd[:, None, None], np.stack([[a, d, c], [a, c, b]]).transpose(2, 0, 1), np.stack([[a, d, b], [b, d, c]]).transpose(2, 0, 1)
+    )
     return np.stack([X.ravel(), np.zeros(rows * columns), Z.ravel()], 1), one.reshape(-1, 3).astype(np.int32)
 
 
@@ -46,7 +49,7 @@ def still(frames: int, cloth: Cloth, collider: tuple[np.ndarray, np.ndarray] | N
     }
 
 
-def run(cloth: Cloth, fabric: Fabric, motions: dict, *, fps: float = 25.0, settings: Settings = Settings(), **others):
+def run(cloth: Cloth, fabric: Fabric, motions: dict, *, fps: float = 25.0, settings: Settings = BASE, **others):
     """All frames, each of them converged."""
     frames = list(simulate(cloth, fabric, fps=fps, settings=settings, **motions, **others))
     assert frames[-1].converged, frames[-1].ending

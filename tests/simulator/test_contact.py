@@ -16,14 +16,16 @@ def crosses(frame, cloth, collider_faces):
     X = np.asfortranarray(np.concatenate([frame.x, frame.collider]))
     F = np.asfortranarray(np.concatenate([cloth.faces, collider_faces + V]).astype(np.int32))
     mesh = ipctk.CollisionMesh(X, np.asfortranarray(edges(F)), F)
-    mesh.can_collide = ipctk.make_vertex_patches_filter(np.concatenate([np.arange(1, V + 1), np.zeros(len(frame.collider))]).astype(np.int32))
+    mesh.can_collide = ipctk.make_vertex_patches_filter(
+        np.concatenate([np.arange(1, V + 1), np.zeros(len(frame.collider))]).astype(np.int32)
+    )
     return ipctk.has_intersections(mesh, X)
 
 
 def test_drop_on_a_sphere_crosses_nothing():
     x, faces = sheet(13, 13, length=0.5, width=0.5)
     ball = sphere(2, 0.1)
-    cloth = Cloth(x - [0.25, -0.105, 0.25], faces)
+    cloth = Cloth(x - np.array([0.25, -0.105, 0.25]), faces)
     frames = run(cloth, Fabric(), still(10, cloth, ball), settings=Settings(integrator="backward_euler", substeps=1))
     assert not any(crosses(f, cloth, ball[1]) for f in frames)
     assert frames[-1].x[:, 1].min() < 0 and np.linalg.norm(frames[-1].x, axis=1).min() > 0.099  # it hangs around the ball
@@ -34,7 +36,7 @@ def test_drop_on_a_sphere_crosses_nothing():
 def test_offset_is_kept():
     x, faces = sheet(5, 5, length=0.1, width=0.1)
     ball = sphere(2, 0.1)
-    cloth = Cloth(x - [0.05, -0.11, 0.05], faces)
+    cloth = Cloth(x - np.array([0.05, -0.11, 0.05]), faces)
     frames = run(cloth, Fabric(), still(6, cloth, ball), settings=Settings(contact_offset=4e-3))
     inner = 0.1 * np.cos(0.17)  # a face's middle lies inside the sphere
     assert np.linalg.norm(frames[-1].x, axis=1).min() > inner + 4e-3
@@ -43,7 +45,7 @@ def test_offset_is_kept():
 def test_start_is_separated_by_about_the_overlap():
     x, faces = sheet(16, 16, length=0.6, width=0.6)
     ball = sphere(3, 0.1)
-    cloth = Cloth(x - [0.3, -0.085, 0.3], faces)
+    cloth = Cloth(x - np.array([0.3, -0.085, 0.3]), faces)
     frames = run(cloth, Fabric(), still(2, cloth, ball))
     assert 0.0145 < frames[0].moved < 0.018 and not crosses(frames[0], cloth, ball[1])
 
@@ -51,7 +53,7 @@ def test_start_is_separated_by_about_the_overlap():
 def test_start_that_crosses_is_described():
     x, faces = sheet(16, 16, length=0.6, width=0.6)
     ball = sphere(3, 0.1)
-    cloth = Cloth(x - [0.3, -0.085, 0.3], faces)
+    cloth = Cloth(x - np.array([0.3, -0.085, 0.3]), faces)
     frames = list(simulate(cloth, Fabric(), fps=25, settings=Settings(separate_start=False), **still(3, cloth, ball)))
     assert len(frames) == 1 and not frames[0].converged
     assert "crosses cloth face" in frames[0].ending and "further crossings" in frames[0].ending
@@ -60,11 +62,11 @@ def test_start_that_crosses_is_described():
 def pressing(gap_end):
     """Two balls that close in on a curtain between them until their centres are 2·gap_end apart."""
     x, faces = sheet(12, 12, length=0.4, width=0.4)
-    x = x[:, [1, 0, 2]] + [0, -0.2, -0.2]
+    x = x[:, [1, 0, 2]] + np.array([0, -0.2, -0.2])
     cloth = Cloth(x, faces, np.flatnonzero(x[:, 1] > 0.199))
     ball, ball_faces = sphere(2, 0.1)
     gaps = np.interp(np.arange(7), [0, 5], [0.13, gap_end])
-    motion = np.stack([np.concatenate([ball + [g, 0, 0], ball - [g, 0, 0]]) for g in gaps])
+    motion = np.stack([np.concatenate([ball + np.array([g, 0, 0]), ball - [g, 0, 0]]) for g in gaps])
     motions = still(7, cloth) | {"collider": Collider(np.concatenate([ball_faces, ball_faces + len(ball)])), "collider_motion": motion}
     return cloth, motions
 
@@ -87,8 +89,8 @@ def test_pins_under_the_skin():
     """A curtain whose rail lies 3 mm inside the collider."""
     ball = sphere(3, 0.1)
     x, faces = sheet(5, 5, length=0.1, width=0.1)
-    cloth = Cloth(x + [0.0, 0.0, -0.05], faces, np.arange(2, 3))
-    lowered = cloth.x_rest + [0.0, 0.097, 0.0]
+    cloth = Cloth(x + np.array([0.0, 0.0, -0.05]), faces, np.arange(2, 3))
+    lowered = cloth.x_rest + np.array([0.0, 0.097, 0.0])
     cloth = Cloth(lowered, faces, np.arange(2, 3))
     frames = run(cloth, Fabric(), still(4, cloth, ball))
     assert frames[-1].yielded and np.allclose(frames[-1].x[2], lowered[2]) and not crosses(frames[-1], cloth, ball[1])

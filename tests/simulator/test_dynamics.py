@@ -8,6 +8,7 @@ import pytest
 from tasks.simulator import Blocks, Cloth, Collider, Fabric, Potential, Settings
 from tests.simulator.scenes import free, plane, run, sheet, sphere, still
 
+PLAIN = Fabric()
 EXACT = Settings(integrator="bdf2", substeps=2, acceleration_tolerance=1e-8)
 
 
@@ -53,11 +54,14 @@ def amplification(integrator, ωh):
     return 1 / (1 - 1j * ωh) if integrator == "backward_euler" else max(np.roots([1.5 - 1j * ωh, -2, 0.5]), key=abs)
 
 
-@pytest.mark.parametrize(("integrator", "substeps", "kept"), [("backward_euler", 1, 0.464), ("backward_euler", 4, 0.822), ("bdf2", 1, 0.979), ("bdf2", 4, 0.9996)])
+@pytest.mark.parametrize(
+    ("integrator", "substeps", "kept"),
+    [("backward_euler", 1, 0.464), ("backward_euler", 4, 0.822), ("bdf2", 1, 0.979), ("bdf2", 4, 0.9996)],
+)
 def test_swing_decays_as_the_rule_damps(integrator, substeps, kept):
     cloth, fabric, ω = Cloth(*sheet(2, 2)), Fabric(), 2 * np.pi
     settings = replace(EXACT, integrator=integrator, substeps=substeps, gravity=(0, 0, 0))
-    x0 = cloth.x_rest + [0.1, 0, 0]
+    x0 = cloth.x_rest + np.array([0.1, 0, 0])
     frames = run(cloth, fabric, free(51), settings=settings, potentials=(Spring(cloth, fabric, ω),), x0=x0)
     late = [f.x[0, 0] + 1j * f.v[0, 0] / ω for f in (frames[25], frames[50])]  # the parasitic root has died out by then
     assert abs(late[1] / late[0]) == pytest.approx(abs(amplification(integrator, ω * 0.04 / substeps)) ** (25 * substeps), rel=1e-4)
@@ -81,10 +85,10 @@ def rubbing():
     ball, ball_faces = sphere(1, 0.1)
     turn = [np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]) for a in np.linspace(0, 0.4, 7)]
     motion = np.stack([ball @ R.T for R in turn])
-    return x - [0.15, -0.102, 0.15], faces, motion, ball_faces
+    return x - np.array([0.15, -0.102, 0.15]), faces, motion, ball_faces
 
 
-def ride(x, faces, motion, ball_faces, fabric=Fabric(), settings=EXACT):
+def ride(x, faces, motion, ball_faces, fabric=PLAIN, settings=EXACT):
     return run(
         Cloth(x, faces),
         fabric,
@@ -123,11 +127,13 @@ def test_incline(degrees, friction):
     α = np.radians(degrees)
     ground, ground_faces = plane(4.0, slope=-α)
     x, faces = sheet(3, 3, length=0.05, width=0.05)
-    lift = x + [0.2, 0.75e-3, -0.6]  # beside the diagonal of the ground
+    lift = x + np.array([0.2, 0.75e-3, -0.6])  # beside the diagonal of the ground
     c, s = np.cos(-α), np.sin(-α)
     lift = lift @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T
     cloth = Cloth(lift, faces)
-    frames = run(cloth, Fabric(friction=friction, bending=1000), still(12, cloth, (ground, ground_faces)), settings=replace(EXACT, substeps=4))
+    frames = run(
+        cloth, Fabric(friction=friction, bending=1000), still(12, cloth, (ground, ground_faces)), settings=replace(EXACT, substeps=4)
+    )
     down = np.array([np.cos(α), -np.sin(α), 0])
     v = [f.v.mean(0) @ down for f in frames]
     if friction > np.tan(α):

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from tasks.simulator import Blocks, Cloth, Fabric, Settings, Step, StepTangent
+from tasks.simulator.cloth import Collider
 from tasks.simulator.contact_barrier import ContactBarrier, cipc_stiffness
 from tasks.simulator.contact_friction import ContactFriction
 from tasks.simulator.contact_surface import ContactSurface
-from tasks.simulator.cloth import Collider
 from tasks.simulator.fabric import THICKNESS, YOUNG
 from tasks.simulator.gravity import Gravity
 from tasks.simulator.hinge_bending import HingeBending
@@ -167,7 +167,7 @@ def pair(offset: float = 0.0, height: float = 0.4e-3):
     cloth = Cloth(np.array([[0.05, 0.5, 0.05], [0.06, 0.6, 0.05], [0.05, 0.6, 0.06]]), np.array([[0, 1, 2]]))
     below = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0, 0.3]])
     surface = ContactSurface(cloth, Collider(np.array([[0, 2, 1]])), below, barrier_distance=1e-3, offset=offset)
-    x = cloth.x_rest - [0, 0.5 - height, 0]
+    x = cloth.x_rest - np.array([0, 0.5 - height, 0])
     still = np.zeros_like(x)
     step = Step(0.01, 0.01, x, still, x, still, below, below, below)
     return surface, x, step
@@ -180,7 +180,7 @@ def test_barrier_value_and_force():
     assert barrier.energy(x, step) == pytest.approx(-κ * area * (d**2 - D) ** 2 * np.log(d**2 / D), rel=1e-9)
     slope = -κ * area * 2 * d * (2 * (d**2 - D) * np.log(d**2 / D) + (d**2 - D) ** 2 / d**2)
     np.testing.assert_allclose(barrier.gradient(x, step)[0], [0, slope, 0], rtol=1e-9, atol=1e-12 * abs(slope))
-    assert slope < 0 and not barrier.gradient(x + [0, 2e-3, 0], step).any()  # repels; nothing beyond d̂
+    assert slope < 0 and not barrier.gradient(x + np.array([0, 2e-3, 0]), step).any()  # repels; nothing beyond d̂
 
 
 def test_offset_moves_the_barrier_out():
@@ -195,11 +195,13 @@ def test_friction_opposes_slip_with_mu_times_the_normal_force():
     barrier = ContactBarrier(surface, 1e9)
     normal = np.linalg.norm(barrier.gradient(x, step))
     friction = ContactFriction(barrier, collider=0.3, cloth=0.1, velocity=1e-3)
-    slid = friction.gradient(x + [1e-3, 0, 0], step)  # 0.1 m/s
+    slid = friction.gradient(x + np.array([1e-3, 0, 0]), step)  # 0.1 m/s
     np.testing.assert_allclose(slid[0], [0.3 * normal, 0, 0], rtol=1e-9, atol=1e-12)
     assert friction.energy(x, step) == pytest.approx(0.3 * normal * 1e-3 * 0.01 / 3)  # f₀(0) = ε/3
-    carried = Step(**{**step.__dict__, "collider": step.collider + [1e-3, 0, 0]})
-    np.testing.assert_allclose(ContactFriction(barrier, collider=0.3, cloth=0.1, velocity=1e-3).gradient(x + [1e-3, 0, 0], carried), 0, atol=1e-12)
+    carried = Step(**{**step.__dict__, "collider": step.collider + np.array([1e-3, 0, 0])})
+    np.testing.assert_allclose(
+        ContactFriction(barrier, collider=0.3, cloth=0.1, velocity=1e-3).gradient(x + np.array([1e-3, 0, 0]), carried), 0, atol=1e-12
+    )
 
 
 def test_friction_through_the_lag():

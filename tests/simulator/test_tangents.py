@@ -25,7 +25,7 @@ def _scene():
     x, faces = sheet(6, 6, length=0.3, width=0.3)
     cloth = Cloth(x, faces, np.arange(6))
     ball, ball_faces = sphere(2, 0.08)
-    motions = still(FRAMES, cloth, (ball + [0.17, -0.0851, 0.15], ball_faces))
+    motions = still(FRAMES, cloth, (ball + np.array([0.17, -0.0851, 0.15]), ball_faces))
     way = np.linspace(0, 1, FRAMES)[:, None, None]
     motions["collider_motion"] = motions["collider_motion"] + 0.02 * way * np.array([0.0, 1.0, 1.0])
     return cloth, motions
@@ -67,5 +67,5 @@ def test_start_modes_against_central_differences():
 
 def test_unknown_parameter_is_named():
     cloth, motions = _scene()
-    with pytest.raises(KeyError, match="no term has the parameter 'stiffness'; there are .*log_membrane"):
+    with pytest.raises(KeyError, match=r"no term has the parameter 'stiffness'; there are .*log_membrane"):
         run(cloth, Fabric(), motions, settings=TIGHT, tangents=("stiffness",))

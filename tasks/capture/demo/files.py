@@ -30,16 +30,13 @@ def seal(seal_file: Path, folders: Mapping[str, Path]) -> None:
     write_json(seal_file, {name: digests(folder) for name, folder in folders.items()})
 
 
-def is_sealed(seal_file: Path, folders: Mapping[str, Path]) -> bool:
-    """Whether the seal is there and every file it names still has its digest."""
+def altered(seal_file: Path, folders: Mapping[str, Path]) -> list[Path] | None:
+    """Files that are gone or differ from the seal; None where there is no seal."""
     if not seal_file.exists():
-        return False
+        return None
     listed = json.loads(seal_file.read_text())
-    return all(
-        (folders[name] / path).is_file() and _digest(folders[name] / path) == digest
-        for name, files in listed.items()
-        for path, digest in files.items()
-    )
+    named = {folders[name] / path: digest for name, files in listed.items() for path, digest in files.items()}
+    return [path for path, digest in named.items() if not path.is_file() or _digest(path) != digest]
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -5,13 +5,14 @@
     truth_root/<actor>/<sequence>/   request.json  body.npz  top.npz  skirt.npz  template.npz  cameras.npz  states/  complete.json
 
 The recording may be interrupted anywhere and called again: simulated frames and pictures that exist are kept, and the result is the same
-to the bit. A finished one is recognised by `complete.json`. Limits: diffuse surfaces, one constant light, no background, no lens
-distortion, no motion blur; occupancy grids, meshes.abc and scene.blend of ActorsHQ are not written (its loader does not need them).
+to the bit. A finished one is recognised by `complete.json`; files of it that were altered are made again. Limits: diffuse surfaces, one
+constant light, no background, no lens distortion, no motion blur; occupancy grids, meshes.abc and scene.blend of ActorsHQ are not written
+(its loader does not need them).
 """
 
 import json
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from dataclasses import asdict
 from multiprocessing import get_context
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from tasks.body.anny_body import build_demo_body
 from tasks.body.model import BodyModel
 from tasks.capture.calibration_actorshq import write_calibration_csv
-from tasks.capture.demo.files import COMPLETE, is_sealed, seal, write_json, write_whole
+from tasks.capture.demo.files import COMPLETE, altered, seal, write_json, write_whole
 from tasks.capture.demo.labour import photograph, simulate_garment
 from tasks.capture.demo.plan import Plan, Request, make_plan, stream
 from tasks.capture.demo.scan import scan
@@ -36,8 +37,10 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 STANDARD = Request()
+EDITION = 1  # raise when the same request gives another recording
 SCALE = "1x"
 FRAMES_PER_PIECE = 3  # of photography: a piece takes seconds, and building its scene a fraction of one
+POLL = 2.0  # [s] between looks at how many frames are simulated
 MARGIN = 0.05  # [m] around the actor in aabbs.csv
 
 
@@ -54,16 +57,18 @@ def make_demo_recording(
 ) -> Path:
     """Make (or go on with) a recording; the folder of the sequence. `cache` holds the body once it is built.
 
-    on_progress(what, done, total) is called after each piece. Raises BadInput if the folder holds a recording of another request,
+    on_progress(what, done, total) is called now and then. Raises BadInput if the folder holds a recording of another request,
     RuntimeError where a garment's simulation does not converge.
     """
     folder, truth = Path(root) / actor / sequence, Path(truth_root) / actor / sequence
     report = on_progress or (lambda what, done, total: None)
-    _claim(truth / "request.json", request)
-    whole = {"recording": folder, "truth": truth}
-    if is_sealed(truth / COMPLETE, whole):
+    body, whole = build_demo_body(cache), {"recording": folder, "truth": truth}
+    _claim(truth / "request.json", {"edition": EDITION, "body": body.name, **asdict(request)})
+    if (differing := altered(truth / COMPLETE, whole)) == []:
         return folder
-    plan = make_plan(request, BodyModel.load(build_demo_body(cache)))
+    for path in differing or []:
+        path.unlink(missing_ok=True)
+    plan = make_plan(request, BodyModel.load(body))
     with _pool(workers) as pool:
         worn = _simulate(pool, plan, truth / "states", report)
         _photograph(pool, plan, worn, folder / SCALE, report)
@@ -76,8 +81,8 @@ def make_demo_recording(
     return folder
 
 
-def _claim(path: Path, request: Request) -> None:
-    asked = json.loads(json.dumps(asdict(request)))
+def _claim(path: Path, asked: dict) -> None:
+    """Mark the folder as holding what is asked for; refuse if it holds something else."""
     if path.exists() and (there := json.loads(path.read_text())) != asked:
         other = {key: (there.get(key), value) for key, value in asked.items() if there.get(key) != value}
         raise BadInput(
@@ -98,22 +103,21 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _simulate(pool: ProcessPoolExecutor, plan: Plan, folder: Path, report: Progress) -> dict[str, Array]:
-    jobs = {pool.submit(simulate_garment, fitting, folder / name): name for name, fitting in plan.fittings.items()}
-    return {jobs[job]: job.result() for job in _reported(jobs, "garments simulated", report)}
+    jobs = {name: pool.submit(simulate_garment, fitting, folder / name) for name, fitting in plan.fittings.items()}
+    pending = set(jobs.values())
+    while pending and not any(job.done() and job.exception() for job in jobs.values()):
+        pending = wait(pending, timeout=POLL, return_when=FIRST_COMPLETED).not_done
+        report("frames simulated", sum(1 for _ in folder.glob("*/[0-9]*.npz")), len(jobs) * plan.request.frames)
+    return {name: job.result() for name, job in jobs.items()}
 
 
 def _photograph(pool: ProcessPoolExecutor, plan: Plan, worn: dict[str, Array], folder: Path, report: Progress) -> None:
     settings = {"surfaces": plan.surfaces, "cameras": plan.cameras, "gains": plan.gains, "spp": plan.request.spp, "seed": plan.request.seed}
     pieces = [range(first, min(first + FRAMES_PER_PIECE, plan.request.frames)) for first in range(0, plan.request.frames, FRAMES_PER_PIECE)]
     jobs = [pool.submit(photograph, piece, [plan.surface_vertices(worn, t) for t in piece], folder=folder, **settings) for piece in pieces]
-    for job in _reported(jobs, "groups of frames photographed", report):
-        job.result()
-
-
-def _reported(jobs: list[Future] | dict[Future, str], what: str, report: Progress) -> Iterator[Future]:
     for done, job in enumerate(as_completed(jobs), 1):
-        report(what, done, len(jobs))
-        yield job
+        job.result()
+        report("groups of frames photographed", done, len(jobs))
 
 
 def _write_tables(folder: Path, plan: Plan, worn: dict[str, Array]) -> None:

@@ -61,7 +61,9 @@ def _motifs(extent: Array, design: Design, rng: np.random.Generator) -> list[tup
     grid[1::2, :, 0] += design.spacing / 2
     centres = grid.reshape(-1, 2) + rng.uniform(-0.2, 0.2, (grid.size // 2, 2)) * design.spacing
     tints = np.array(design.prints)[rng.integers(len(design.prints), size=len(centres))]
-    return [(c, design.motif * rng.uniform(0.7, 1.2), t, int(rng.integers(3, 7)), rng.uniform(0, 2 * np.pi)) for c, t in zip(centres, tints)]
+    return [
+        (c, design.motif * rng.uniform(0.7, 1.2), t, int(rng.integers(3, 7)), rng.uniform(0, 2 * np.pi)) for c, t in zip(centres, tints)
+    ]
 
 
 def _stamp(colour: Array, u: Array, v: Array, centre: Array, size: float, tint: Array, petals: int, turn: float) -> None:

@@ -1,13 +1,14 @@
 """The recording as a whole: pictures made again are the same bytes, the project's reader takes the folder, a seal notices any change."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from tasks.capture.actorshq import read_actorshq
 from tasks.capture.demo.charts import box_charts, pack
-from tasks.capture.demo.files import digests, is_sealed, seal, write_whole
+from tasks.capture.demo.files import altered, digests, seal, write_whole
 from tasks.capture.demo.labour import photograph, picture_paths
 from tasks.capture.demo.plan import Request
 from tasks.capture.demo.recording import _claim, _write_tables, make_demo_recording
@@ -106,18 +107,18 @@ def test_a_seal_notices_what_changed(tmp_path) -> None:
     write_whole(tmp_path / "data/a.txt", b"one")
     (tmp_path / "data/.7.b.txt").write_bytes(b"half")
     whole, path = {"recording": tmp_path / "data"}, tmp_path / "complete.json"
-    assert not is_sealed(path, whole)
+    assert altered(path, whole) is None
     seal(path, whole)
-    assert is_sealed(path, whole) and list(json.loads(path.read_text())["recording"]) == ["a.txt"]
+    assert altered(path, whole) == [] and list(json.loads(path.read_text())["recording"]) == ["a.txt"]
     (tmp_path / "data/a.txt").write_bytes(b"two")
-    assert not is_sealed(path, whole)
+    assert altered(path, whole) == [tmp_path / "data/a.txt"]
 
 
 def test_another_request_is_refused(tmp_path) -> None:
-    _claim(tmp_path / "request.json", Request(seed=1))
-    _claim(tmp_path / "request.json", Request(seed=1))
+    _claim(tmp_path / "request.json", asdict(Request(seed=1)))
+    _claim(tmp_path / "request.json", asdict(Request(seed=1)))
     with pytest.raises(BadInput, match=r"'seed': \(1, 2\)"):
-        _claim(tmp_path / "request.json", Request(seed=2))
+        _claim(tmp_path / "request.json", asdict(Request(seed=2)))
 
 
 @pytest.mark.slow
@@ -136,3 +137,8 @@ def test_a_whole_recording_resumes_to_the_same_bytes(tmp_path, cache) -> None:
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
     make_demo_recording(tmp_path / "r", tmp_path / "t", cache=cache, request=request)
     assert before == {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
+    lost, spoilt = (p for p in sorted((folder / "1x/masks/Cam002").iterdir()) if p.name.endswith(("0.png", "1.png")))
+    lost.unlink()
+    spoilt.write_bytes(b"")
+    make_demo_recording(tmp_path / "r", tmp_path / "t", cache=cache, request=request)
+    assert digests(folder) == digests(other)

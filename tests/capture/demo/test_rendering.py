@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import binary_dilation
 
 from tasks.capture.demo.pictures import develop, encode
 from tasks.capture.demo.rendering import Renderer, Surface
@@ -53,13 +54,13 @@ def test_textures_stand_upright() -> None:
 
 
 def test_truth_lands_on_the_mask_and_the_picture_repeats(plan) -> None:
-    """At least 99 % of all vertices, garments as sewn, project onto the mask; same seed, same bytes; other seed, other bytes."""
+    """At least 99 % of all vertices project onto the mask or within two pixels of it; same seed, same bytes; other seed, other bytes."""
     x = plan.surface_vertices({n: f.garment.vertices[None] for n, f in plan.fittings.items()}, 0)
     renderer = Renderer(plan.surfaces, x, spp=4)
     for k in range(len(plan.cameras)):
         first, second, other = (photo(plan, renderer, k, seed) for seed in (5, 5, 6))
         assert first == second != other
-        mask = np.array(Image.open(io.BytesIO(first[1]))) > 0
+        mask = binary_dilation(np.array(Image.open(io.BytesIO(first[1]))) > 0, iterations=2)  # hems lie on the outline itself
         j, i = np.floor(project(plan.cameras.subset([k]), np.concatenate(x))[0][0]).astype(int).T
         assert mask[i, j].mean() > 0.99
     renderer.move([y + np.array([0.3, 0, 0]) for y in x])
@@ -80,6 +81,7 @@ def test_masks_waver_by_a_pixel_and_blacken_what_they_leave_out() -> None:
     r = np.hypot(i - 100, j - 100)
     wrong = (mask > 0) != (disc > 0)
     assert 20 < wrong.sum() < 0.5 * 2 * np.pi * 60 and np.abs(r[wrong] - 60).max() < 2.5
+    assert mask.astype(bool).sum() == pytest.approx(disc.sum(), rel=0.01)  # neither fat nor thin
     assert picture[r > 75].max() == 0
     assert set(np.unique(mask)) == {0, 255}
     assert np.median(picture[r < 55]) == round(255 * float(encode(np.array(0.5))))
