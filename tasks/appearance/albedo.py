@@ -66,7 +66,7 @@ def solve_albedo(
     uv_faces: Faces,
     *,
     frames: Sequence[int],
-    texture_size: tuple[int, int] = (512, 512),
+    texture_size: tuple[int, int] = (1024, 1024),
     held_out: Sequence[int] = (),
     reduce: int = 1,
     rays: int = RAYS,

@@ -7,7 +7,7 @@ g_k ρ_t, and with γ = log g, r = log ρ
 
 is solved directly, channel by channel, after r is eliminated (the alternation of texture and gains needs tens of passes).
 Gauge: the geometric mean over the cameras is 1; a common factor is in the texture. Limits: groups of cameras that share no texel
-keep independent gauges; A comes from a grey mesh.
+have a mean of 1 each; A comes from a grey mesh.
 """
 
 from collections.abc import Iterable
@@ -43,6 +43,5 @@ def _log_gains(m: Array, n: Array) -> Array:
     seen = np.maximum(n.sum(0), 1e-12)
     y = np.log(np.maximum(m, DARKEST))
     b = (n * (y - (n * y).sum(0) / seen)).sum(1)
-    γ = np.linalg.lstsq(np.diag(n.sum(1)) - (n / seen) @ n.T, b, rcond=1e-9)[0]
-    used = n.sum(1) > 0
-    return np.where(used, γ - γ[used].mean() if used.any() else 0.0, 0.0)
+    # the shortest solution: mean 0 within each group of cameras that share texels, 0 for a camera without pictures
+    return np.linalg.lstsq(np.diag(n.sum(1)) - (n / seen) @ n.T, b, rcond=1e-9)[0]

@@ -9,6 +9,7 @@ from storage_schemas.capture import Capture
 from tasks.capture.actorshq import read_actorshq
 from tasks.capture.calibrated_video import read_calibrated_video
 from tasks.capture.recording import Recording
+from tasks.geometry.faults import BadInput, Fault
 from tasks.stage import Folder, Job, Parameters, stage
 
 
@@ -37,6 +38,9 @@ def capture(job: Job, parameters: CaptureParameters) -> Capture:
 def read_recording(parameters: CaptureParameters) -> Recording:
     """The recording in its layout; raises BadInput with every fault found."""
     folder = Path(parameters.recording)
+    if (folder / "calibration.csv").exists():
+        remedy = f"Point at {folder.parent} and choose the scale with capture.scale={folder.name}."
+        raise BadInput([Fault(str(folder), "this is the folder of a scale, not of a sequence", remedy)])
     calibration = sorted(p for pattern in VIDEO_CALIBRATIONS for p in folder.glob(pattern))
     if parameters.layout == "video" or (parameters.layout == "auto" and calibration):
         where = calibration[0] if calibration else folder

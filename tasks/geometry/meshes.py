@@ -131,11 +131,11 @@ def _topology_faults(faces: Faces, name: str) -> list[Fault]:
     if len(crowded):
         e = undirected[crowded[0]].tolist()
         faults.append(Fault(name, f"{len(crowded)} edges have more than two faces, the first is {e}", "Make the surface manifold (split or delete faces)."))
-    _, directed = np.unique(half, axis=0, return_counts=True)
-    clash = np.unique(half, axis=0)[directed > 1]
-    clash = [e for e in clash.tolist() if count[inverse.ravel()][np.flatnonzero((half == e).all(1))[0]] == 2]
-    if clash:
-        faults.append(Fault(name, f"{len(clash)} edges run the same way in both faces, the first is {clash[0]}", "Orient all faces the same way round."))
+    paired = half[count[inverse.ravel()] == 2]
+    once, directed = np.unique(paired, axis=0, return_counts=True)
+    clash = once[directed > 1]
+    if len(clash):
+        faults.append(Fault(name, f"{len(clash)} edges run the same way in both faces, the first is {clash[0].tolist()}", "Orient all faces the same way round."))
     return faults
 
 

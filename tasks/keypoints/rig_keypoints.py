@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from tasks.geometry.cameras import Cameras, project, triangulate
 from tasks.keypoints.detector import Detections, Detector
-from tasks.keypoints.person_box import box_from_keypoints, moving_boxes, same_person, temporal_median
+from tasks.keypoints.person_box import LOW, NOWHERE, box_from_keypoints, box_from_mask, moving_boxes, same_person, temporal_median
 
 BODY = slice(0, 23)
 CAUCHY_SCALE = 0.02  # of the box's diagonal
@@ -38,7 +39,8 @@ def follow_masks(detector: Detector, frames: Iterable[tuple[list[np.ndarray], li
     """Keypoints of every frame; `frames` yields (pictures, masks), one of each per camera."""
     found = []
     for images, masks in frames:
-        found.append((detector.detect(images, masks=masks), np.full((len(images), 4), np.nan)))
+        boxes = np.stack([box_from_mask(mask) for mask in masks])
+        found.append((detector.detect(images, boxes=boxes), boxes))
     return _stacked(found)
 
 
@@ -69,42 +71,55 @@ def first_boxes(cameras: Cameras, frames: list[list[np.ndarray]], *, at: int = 0
     return same_person(cameras, candidates)
 
 
-def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale: float, rounds: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Points x [point,3] m of keypoints uv [camera,point,2] px with scores [camera,point], and residuals [camera,point] px, so that single
-    views that are wrong by more than `scale` [px] count for little."""
-    weight = np.where(np.isfinite(uv).all(-1), score, 0.0)
+def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale: float, rounds: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Points x [point,3] m of keypoints uv [camera,point,2] px with scores [camera,point], and residuals [camera,point] px, so that views
+    that are wrong by more than `scale` [px] count for little.
+
+    Starts, point by point, from the two views that the others contradict least: with four views one wrong one bends least squares too far.
+    """
+    score = np.where(np.isfinite(uv).all(-1), score, 0.0)
+    weight, least = score.copy(), np.full(uv.shape[1], np.inf)
+    for pair in combinations(range(len(cameras)), 2):
+        both = np.zeros_like(score)
+        both[list(pair)] = score[list(pair)]
+        _, residual = triangulate(cameras, uv, both)
+        cost = (score * np.log1p((np.where(np.isfinite(residual), residual, np.inf) / scale) ** 2).clip(max=10)).sum(0)
+        better = (cost < least) & (both > 0).any(0)
+        least[better], weight[:, better] = cost[better], (score / (1 + (residual / scale) ** 2))[:, better]
     for _ in range(rounds):
-        x, residual = triangulate(cameras, uv, weight)
+        x, residual = triangulate(cameras, uv, np.where(np.isfinite(weight), weight, 0.0))
         weight = np.where(np.isfinite(residual), score / (1 + (residual / scale) ** 2), 0.0)
     return x, residual
 
 
 def next_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
-    """Where to look in the next frame [camera,4]: around a view's own body keypoints and around where all views together see them.
+    """Where to look in the next frame [camera,4]: around a view's own body keypoints and around where the views together see them.
 
     A limb that one view has lost, at the edge of its box, say, comes back by the others.
     """
     own = np.stack([box_from_keypoints(uv, score, fallback=box) for uv, score, box in zip(found.uv, found.score, boxes)])
-    diagonal = np.nanmedian(np.linalg.norm(own[:, 2:] - own[:, :2], axis=1))
-    x, _ = agreed_points(cameras, found.uv[:, BODY], found.score[:, BODY], scale=CAUCHY_SCALE * diagonal)
-    uv, _ = project(cameras, x)
-    common = np.stack([box_from_keypoints(p, np.isfinite(p[:, 0]).astype(float), fallback=box) for p, box in zip(uv, own)])
-    return np.concatenate([np.minimum(own[:, :2], common[:, :2]), np.maximum(own[:, 2:], common[:, 2:])], axis=1)
+    common, _ = _common_boxes(cameras, found, own)
+    both = np.concatenate([np.minimum(own[:, :2], common[:, :2]), np.maximum(own[:, 2:], common[:, 2:])], axis=1)
+    return np.where(np.isfinite(common), np.clip(both, 0, np.tile(cameras.size, 2)), own)
 
 
 def agreed_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
     """`boxes` [camera,4], with those replaced whose body keypoints disagree with what the other views say, or that are NaN."""
+    common, disagrees = _common_boxes(cameras, found, boxes)
+    return np.where((disagrees & np.isfinite(common).all(1))[:, None], common, boxes)
+
+
+def _common_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes [camera,4] around the body keypoints on which views agree, NaN when there are few; and which views disagree [camera]."""
     diagonal = np.nanmedian(np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1))
-    x, residual = agreed_points(cameras, found.uv[:, BODY], found.score[:, BODY], scale=CAUCHY_SCALE * diagonal)
-    with np.errstate(invalid="ignore"):
-        misfit = np.array([np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.inf for r in residual])
-    mended = boxes.copy()
-    seen = np.isfinite(x).all(1)
-    if seen.sum() >= 6 and (misfit <= DISAGREEMENT * diagonal).sum() >= 2:
-        uv, _ = project(cameras, x)
-        for camera in np.flatnonzero(misfit > DISAGREEMENT * diagonal):
-            mended[camera] = box_from_keypoints(uv[camera], seen.astype(float), fallback=boxes[camera])
-    return mended
+    uv, score = found.uv[:, BODY], found.score[:, BODY]
+    x, residual = agreed_points(cameras, uv, score, scale=CAUCHY_SCALE * diagonal)
+    agree = np.isfinite(residual) & (residual < 2 * CAUCHY_SCALE * diagonal) & (score > LOW)
+    trusted = agree.sum(0) >= min(3, len(cameras))  # two views always nearly agree
+    misfit = np.array([np.median(r[trusted]) if np.isfinite(r[trusted]).all() and trusted.any() else np.inf for r in residual])
+    seen, _ = project(cameras, x)
+    common = np.stack([box_from_keypoints(p, trusted.astype(float), fallback=NOWHERE) for p in seen])
+    return common, misfit > DISAGREEMENT * diagonal
 
 
 def _stacked(found: list[tuple[Detections, np.ndarray]]) -> RigKeypoints:

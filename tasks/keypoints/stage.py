@@ -11,6 +11,7 @@ from tasks.geometry.faults import BadInput, Fault
 from tasks.keypoints.detector import BUNDLED, Detector
 from tasks.keypoints.keypoint_files import read_keypoints
 from tasks.keypoints.rig_keypoints import RigKeypoints, first_boxes, follow_masks, follow_motion
+from tasks.keypoints.sides import same_sides
 from tasks.recorded import recorded
 from tasks.stage import Folder, Job, ModelFile, Parameters, content_digest, stage
 
@@ -31,7 +32,9 @@ def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Ke
     if parameters.file is not None:
         return _read(Path(parameters.file), recording)
     model = Path(parameters.model)
-    found = _follow(Detector.load(model), recording, job)
+    found, turned = same_sides(recording.cameras, _follow(Detector.load(model), recording, job))
+    if turned.any():
+        job.warn(f"{turned.sum()} of {turned.size} views had left and right swapped, as the other cameras see it; they were turned round")
     return Keypoints(
         keypoints=found.uv.astype(np.float32),
         score=found.score.astype(np.float32),

@@ -15,7 +15,7 @@ from tasks.simulator.newton import CONVERGED, Problem, Solution, solve
 from tasks.simulator.potential import Potential, Step
 from tasks.simulator.preflight import Separated, inspect, separate
 from tasks.simulator.settings import BASE, Settings
-from tasks.simulator.tangents import Tangents
+from tasks.simulator.tangents import Modes, Tangents
 from tasks.simulator.time_integration import Rule, State, known, rule
 from tasks.simulator.yielding import Yielded, give_way
 
@@ -61,12 +61,14 @@ def simulate(
     settings: Settings = BASE,
     potentials: Sequence[Potential] = (),
     tangents: Sequence[str] = (),
-    start_modes: Mapping[str, tuple[Array, Array]] | None = None,
+    start_modes: Modes | None = None,
+    motion_modes: Modes | None = None,
 ) -> Iterator[Frame]:
     """Frames 0..T−1 of cloth driven by collider_motion [T, C, 3] m and boundary_motion [T, B, 3] m (order of cloth.boundary), at fps [1/s].
 
     Frame 0 is the start: x0 [V, 3] (default: at rest shape) and v0 [V, 3] (default: at rest). Between frames both motions are linear.
-    potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3].
+    potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3];
+    motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]).
     Raises BadInput when arrays do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
     """
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
@@ -76,7 +78,7 @@ def simulate(
     refuse(_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0))
     problem = base_problem(cloth, fabric, collider, collider_motion[0], settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
-    return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {})
+    return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {})
 
 
 def _frames(
@@ -87,19 +89,20 @@ def _frames(
     x0: Array,
     v0: Array,
     names: tuple[str, ...],
-    modes: Mapping[str, tuple[Array, Array]],
+    modes: Modes,
+    motions: Modes,
 ) -> Iterator[Frame]:
     clock = time.process_time()
     x0[walk.problem.boundary] = boundary_motion[0]
     start = walk.start(x0, v0, collider_motion[0])
-    if names or modes:
-        walk.columns = Tangents(walk.problem, names, modes, walk.now)
+    if names or modes or motions:
+        walk.columns = Tangents(walk.problem, names, modes, motions, walk.now)
     yield walk.report(0, start.ending, 0, clock, moved=start.moved)
     if start.ending != CONVERGED:
         return
     for i in range(1, len(collider_motion)):
         clock = time.process_time()
-        ending, iterations = walk.frame(collider_motion[i], boundary_motion[i - 1 : i + 1], (i - 1) / fps, 1 / fps)
+        ending, iterations = walk.frame(i, collider_motion[i], boundary_motion[i - 1 : i + 1], 1 / fps)
         yield walk.report(i, ending, iterations, clock)
         if ending != CONVERGED:
             return
@@ -130,16 +133,16 @@ class _Walk:
         seconds = time.process_time() - clock
         return Frame(index, now.x, now.v, now.collider, named, iterations, ending, self.yielded, moved, seconds)
 
-    def frame(self, collider: Array, boundary: Array, start: float, duration: float) -> tuple[str, int]:
-        """Go through one frame to the collider [C, 3] along boundary [2, B, 3]; (ending, Newton iterations)."""
-        n = self.settings.substeps
+    def frame(self, index: int, collider: Array, boundary: Array, duration: float) -> tuple[str, int]:
+        """Go on to frame `index`, to the collider [C, 3] along boundary [2, B, 3]; (ending, Newton iterations)."""
+        self.index, n = index, self.settings.substeps
         way = np.stack([self.now.collider, self._yielded(collider, boundary[1])])
         iterations = 0
         for k in range(n):
-            ending, used = self._interval(way, boundary, start, duration, k / n, (k + 1) / n, self.settings.halvings)
+            ending, used = self._interval(way, boundary, duration, k / n, (k + 1) / n, self.settings.halvings)
             iterations += used
             if ending != CONVERGED:
-                return f"{ending} (at {start + duration * (k + 1) / n:.4g} s)", iterations
+                return f"{ending} (at {duration * (index - 1 + (k + 1) / n):.4g} s)", iterations
         return CONVERGED, iterations
 
     def _yielded(self, collider: Array, pins: Array) -> Array:
@@ -153,32 +156,32 @@ class _Walk:
         faults = inspect(self.problem, self.cloth, self.collider, x, collider)
         return Separated(x, 0.0, "; ".join(map(str, faults)) or CONVERGED)
 
-    def _interval(self, collider, boundary, start, duration, a, b, halvings) -> tuple[str, int]:
+    def _interval(self, collider: Array, boundary: Array, duration: float, a: float, b: float, halvings: int) -> tuple[str, int]:
         """One step from share a to share b of the frame, or two of half its length if it fails."""
-        solution = self._step(_between(collider, b), _between(boundary, b), start + duration * b, duration * (b - a))
+        solution = self._step(_between(collider, b), _between(boundary, b), b, duration * (b - a), duration * (self.index - 1 + b))
         if solution.converged or not halvings:
             return solution.ending, solution.iterations
         iterations = solution.iterations
         for left, right in ((a, (a + b) / 2), ((a + b) / 2, b)):
-            ending, used = self._interval(collider, boundary, start, duration, left, right, halvings - 1)
+            ending, used = self._interval(collider, boundary, duration, left, right, halvings - 1)
             iterations += used
             if ending != CONVERGED:
                 return ending, iterations
         return CONVERGED, iterations
 
-    def _step(self, collider: Array, boundary: Array, time: float, h: float) -> Solution:
+    def _step(self, collider: Array, boundary: Array, share: float, h: float, time: float) -> Solution:
         r = rule(self.settings.integrator, h, self.h_previous)
         step = known(r, self.now, self.before, collider, time)
         self.problem.system.renew()
         self.problem.surface.forget()
         solution = solve(self.problem, self.now.x, step, boundary_target=boundary)
         if solution.converged:
-            self._accept(solution, step, r)
+            self._accept(solution, step, r, share)
         return solution
 
-    def _accept(self, solution: Solution, step: Step, r: Rule) -> None:
+    def _accept(self, solution: Solution, step: Step, r: Rule, share: float) -> None:
         if self.columns:
-            self.columns.advance(solution.x, step, r)
+            self.columns.advance(solution.x, step, r, frame=self.index, share=share)
         self.before, self.now = self.now, State(solution.x, step.velocity(solution.x), step.collider)
         self.h_previous = r.h
 

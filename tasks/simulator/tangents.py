@@ -6,59 +6,88 @@ Lagged quantities (friction's normal force and tangent plane) count as history, 
 Source: implicit function theorem; Kane et al. 2000 for the rule. Limits: first order, along the contact history of the base run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from tasks.simulator.linear_system import NotPositiveDefinite
 from tasks.simulator.newton import Problem
-from tasks.simulator.potential import Step, StepTangent
+from tasks.simulator.potential import Blocks, Step, StepTangent
 from tasks.simulator.time_integration import Rule, State
 
 Array = NDArray[np.float64]
+Modes = Mapping[str, tuple[Array, Array]]
 
 
 class Tangents:
-    """Columns dx, dv [P, V, 3] of parameters (by name) and start modes, carried along with the steps."""
+    """Columns dx, dv [P, V, 3] of parameters (by name), start modes and motion modes, carried along with the steps."""
 
-    def __init__(self, problem: Problem, names: tuple[str, ...], modes: Mapping[str, tuple[Array, Array]], start: State) -> None:
+    def __init__(self, problem: Problem, names: tuple[str, ...], modes: Modes, motions: Modes, start: State) -> None:
         """Raises KeyError when no term has a parameter of that name."""
         for name in names:
             if not any(name in p.parameters for p in problem.potentials):
                 known = sorted({n for p in problem.potentials for n in p.parameters})
                 raise KeyError(f"no term has the parameter {name!r}; there are {', '.join(known)}")
         self.problem, self.parameters = problem, names
-        self.names = (*names, *modes)
+        self.names = (*names, *modes, *motions)
         shape = (len(self.names), *start.x.shape)
         self.dx, self.dv = np.zeros(shape), np.zeros(shape)
         for i, (dx0, dv0) in enumerate(modes.values(), len(names)):
             self.dx[i], self.dv[i] = dx0, dv0
-            self.dx[i][problem.boundary] = self.dv[i][problem.boundary] = 0
-        self.dx_before, self.dv_before = self.dx, self.dv
-        self._still = np.zeros((len(self.names), *start.collider.shape))
+        self._motions = tuple(motions.values())
+        self.dx[:, problem.boundary], self.dv[:, problem.boundary] = self._prescribed(0, 0.0, 1, len(problem.boundary)), 0
+        self.dc = self._prescribed(0, 0.0, 0, len(start.collider))
+        self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
 
     def named(self) -> dict[str, tuple[Array, Array]]:
         """name -> (dx, dv) [V, 3]."""
         return {name: (self.dx[i], self.dv[i]) for i, name in enumerate(self.names)}
 
-    def advance(self, x: Array, step: Step, rule: Rule) -> None:
-        """Through one step that ended at x [V, 3]."""
+    def advance(self, x: Array, step: Step, rule: Rule, *, frame: int, share: float) -> None:
+        """Through one step that ended at x [V, 3], at `share` of the way from frame − 1 to `frame`."""
         problem, system = self.problem, self.problem.system
         hat_x, hat_v = rule.hat(self.dx, self.dx_before), rule.hat(self.dv, self.dv_before)
-        d = StepTangent(self.dx, self.dv, hat_x, hat_v, self._still, self._still, self._still)
+        dc = self._prescribed(frame, share, 0, step.collider.shape[0])
+        fixed = np.zeros_like(self.dx)
+        fixed[:, problem.boundary] = self._prescribed(frame, share, 1, len(problem.boundary))
+        d = StepTangent(self.dx, self.dv, hat_x, hat_v, dc, self.dc, rule.hat(self.dc, self.dc_before))
+        hessians = problem.hessians(x, step, convex=False)
+        rhs = self._forces(x, step, d) - _times(hessians, fixed)
+        dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T) + fixed
+        self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
+        self.dx, self.dv, self.dc = dx, (dx - hat_x) / step.s, dc
+
+    def _forces(self, x: Array, step: Step, d: StepTangent) -> Array:
+        """−∂²P/∂x∂θ − ∂∇P/∂(history)·d [P, V, 3]."""
         rhs = np.zeros_like(self.dx)
-        for potential in problem.potentials:
+        for potential in self.problem.potentials:
             history = potential.history_gradient(x, step, d)
             if history is not None:
                 rhs -= history
             for i, name in enumerate(self.parameters):
                 if name in potential.parameters:
                     rhs[i] -= potential.parameter_gradient(name, x, step)
-        A = system.assemble(problem.hessians(x, step, convex=False))
-        dx = system.scatter(_solve(system, A, system.gather(rhs).T).T)
-        self.dx_before, self.dv_before = self.dx, self.dv
-        self.dx, self.dv = dx, (dx - hat_x) / step.s
+        return rhs
+
+    def _prescribed(self, frame: int, share: float, which: int, count: int) -> Array:
+        """Derivatives [P, count, 3] of the collider (which = 0) or boundary (1) on the way from frame − 1 to frame."""
+        out = np.zeros((len(self.names), count, 3))
+        for i, motion in enumerate(self._motions, len(self.names) - len(self._motions)):
+            way = motion[which]
+            out[i] = (1 - share) * way[frame - 1] + share * way[frame] if frame else way[0]
+        return out
+
+
+def _times(hessians: Sequence[Blocks | csc_matrix], fixed: Array) -> Array:
+    """Answer [P, V, 3] of the free nodes' forces to a motion of the prescribed ones."""
+    total = np.zeros_like(fixed)
+    if fixed.any():
+        flat = fixed.reshape(len(fixed), -1)
+        for H in hessians:
+            total += H.times(fixed) if isinstance(H, Blocks) else (H[: flat.shape[1], : flat.shape[1]] @ flat.T).T.reshape(fixed.shape)
+    return total
 
 
 def _solve(system, A, b: Array) -> Array:

@@ -101,6 +101,16 @@ def _ring_maximum(depth: Array, faces: Indices) -> Array:
     return out
 
 
+def _gap(x: Array, asked: Indices, normal: Array, faces: Indices, away: Array, reach: float) -> Array:
+    """Distance [P] along asked vertices' normals to the first face that looks against them, infinite beyond reach."""
+    centres = x[faces].mean(1)
+    size = np.linalg.norm(x[faces] - centres[:, None], axis=2).max(initial=0.0)
+    near = cKDTree(centres).query_ball_point(x[asked], reach + size)
+    count = np.array([len(n) for n in near], np.int64)
+    listed = np.concatenate([np.asarray(n, np.int64) for n in near]) if count.sum() else np.empty(0, np.int64)
+    return _first_hit(x, asked, normal, faces, away, reach, listed, np.concatenate([[0], np.cumsum(count)]))
+
+
 @njit(cache=True, nogil=True)
 def _nearest_facing_away(x, asked, normal, faces, away):
     """Distance [P] from asked vertices to the centre of the nearest face that looks elsewhere (cosine < ½), infinite beyond 2·MOST."""
@@ -108,30 +118,28 @@ def _nearest_facing_away(x, asked, normal, faces, away):
     for i in range(len(asked)):
         v = asked[i]
         for f in range(len(faces)):
-            if np.sum(away[f] * normal[v]) > 0.5:
-                continue
-            centre = (x[faces[f, 0]] + x[faces[f, 1]] + x[faces[f, 2]]) / 3
-            distance = np.sqrt(np.sum((centre - x[v]) ** 2))
-            if distance < min(p[i], 2 * MOST):
-                p[i] = distance
+            squared, cosine = 0.0, 0.0
+            for k in range(3):
+                squared += ((x[faces[f, 0], k] + x[faces[f, 1], k] + x[faces[f, 2], k]) / 3 - x[v, k]) ** 2
+                cosine += away[f, k] * normal[v, k]
+            if cosine <= 0.5 and squared < min(p[i], 2 * MOST) ** 2:
+                p[i] = np.sqrt(squared)
     return p
 
 
 @njit(cache=True, nogil=True)
-def _gap(x, asked, normal, faces, away, reach):
-    """Distance [P] along asked vertices' normals to the first face that looks against them, infinite beyond reach (Möller, Trumbore)."""
+def _first_hit(x, asked, normal, faces, away, reach, listed, start):
+    """Möller & Trumbore 1997 for the rays x + t·normal of asked vertices against their listed faces."""
     t = np.full(len(asked), np.inf)
     for i in range(len(asked)):
-        o, d = x[asked[i]], normal[asked[i]]
-        for f in range(len(faces)):
+        v = asked[i]
+        for f in listed[start[i] : start[i + 1]]:
             a, b, c = faces[f]
-            if a == asked[i] or b == asked[i] or c == asked[i] or np.sum(away[f] * d) > -0.2:
-                continue
-            if min(np.sum((x[a] - o) ** 2), np.sum((x[b] - o) ** 2), np.sum((x[c] - o) ** 2)) > (reach + 0.05) ** 2:
-                continue
-            hit = _ray_triangle(o, d, x[a], x[b], x[c])
-            if 0 <= hit < reach:
-                t[i] = min(t[i], hit)
+            cosine = away[f, 0] * normal[v, 0] + away[f, 1] * normal[v, 1] + away[f, 2] * normal[v, 2]
+            if v not in (a, b, c) and cosine < -0.2:
+                hit = _ray_triangle(x[v], normal[v], x[a], x[b], x[c])
+                if 0 <= hit < min(t[i], reach):
+                    t[i] = hit
     return t
 
 

@@ -20,7 +20,9 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Family:
-    """Elements of one kind. corners [N, k] vertices; slot [N, k, k] places in the matrix; around vertex v: incident[start[v]:start[v+1]] = (element, corner)."""
+    """Elements of one kind. corners [N, k] vertices; slot [N, k, k] places in the matrix; around vertex v:
+    incident[start[v]:start[v+1]] = (element, corner).
+    """
 
     corners: Index
     slot: Index
@@ -59,7 +61,9 @@ def pattern(vertex_count: int, *corner_lists: NDArray[np.integer]) -> Pattern:
 
 
 def assemble(pattern: Pattern, terms: list[tuple[Array, Array]], *, diagonal: Array) -> NormalEquations:
-    """Sum of the families' (gradient [N, k, 3], Hessian [N, k, k, 3, 3]), in the pattern's order, and a multiple of the identity [V] on each diagonal block."""
+    """Sum of the families' (gradient [N, k, 3], Hessian [N, k, k, 3, 3]), in the pattern's order, and a multiple of the identity [V] on
+    each diagonal block.
+    """
     blocks = np.zeros((len(pattern.column), 3, 3))
     gradient = np.zeros((len(pattern.diagonal), 3))
     blocks[pattern.diagonal] += diagonal[:, None, None] * np.eye(3)

@@ -1,11 +1,14 @@
-"""Where the fitted body carries the skin of the template: linear blend skinning from frame 0 to frame t.
+"""Where the fitted body carries the skin of the template.
 
-x_t = B_t B_0⁻¹ x_0,  B_t = Σ_j w_j T_tj
+x_t = q_t + R_t R_0ᵀ (x_0 − q_0)
 
-with joint weights w from the closest point of the body surface in frame 0. Cloth is not predicted (NaN): it goes on by constant velocity.
+with q the point of the body's surface closest to x in frame 0, followed as a point of its face, and R the face's frame (first edge,
+normal). In frame 0 this is
+the template itself, whatever the offset between body and skin. Cloth is not predicted (NaN): it goes on by constant velocity.
 
-Source: PhysAvatar §3.2 initialises body vertices by skinning; the closest surface point replaces its ten nearest body vertices. Limits: skin
-further than a few centimetres from the body (hair, shoes, bags) is carried as if it were part of it.
+Source: PhysAvatar §3.2 starts body vertices where the body model carries them (by the ten nearest body vertices; here by the closest
+surface point).
+Limits: what is further than a few centimetres from the body (hair, shoes, bags) is carried as if it were part of it.
 """
 
 import numpy as np
@@ -25,19 +28,27 @@ def skin_vertices(faces: NDArray[np.integer], part: NDArray[np.str_], vertex_cou
     return skin & ~cloth
 
 
-def carried_by_body(
-    template: Array, carried: NDArray[np.bool_], body_vertices: Array, body_faces: NDArray[np.integer], *, weights: Array, transforms: Array
-) -> Array:
-    """Predicted places [T, V, 3] m of the carried vertices, NaN elsewhere.
-
-    template [V, 3] m; carried [V] bool; body_vertices [B, 3] m in frame 0; body_faces [G, 3]; weights [B, J]; transforms [T, J, 4, 4] from the rest pose to each frame.
+def carried_by_body(template: Array, carried: NDArray[np.bool_], body_vertices: Array, body_faces: NDArray[np.integer]) -> Array:
+    """Predicted places [T, V, 3] m of the carried vertices [V] bool, NaN elsewhere;
+    template [V, 3] m, body_vertices [T, B, 3] m, body_faces [G, 3].
     """
-    predicted = np.full((len(transforms), len(template), 3), np.nan)
+    predicted = np.full((len(body_vertices), len(template), 3), np.nan)
     if not carried.any():
         return predicted
-    near = closest_points(template[carried], body_vertices, body_faces)
-    w = np.einsum("pc,pcj->pj", near.barycentric, weights[np.asarray(body_faces)[near.face]])
-    blended = np.einsum("pj,tjab->tpab", w / w.sum(1, keepdims=True), transforms)
-    rest = np.linalg.solve(blended[0], np.concatenate([template[carried], np.ones((len(w), 1))], 1)[..., None])
-    predicted[:, carried] = (blended @ rest)[..., :3, 0]
+    near = closest_points(template[carried], body_vertices[0], body_faces)
+    corners = np.asarray(body_faces)[near.face]
+    for t, body in enumerate(body_vertices):
+        q, R = np.einsum("pc,pcx->px", near.barycentric, body[corners]), _frames(body[corners])
+        if t == 0:
+            offset = np.einsum("pxa,px->pa", R, template[carried] - q)
+        predicted[t, carried] = q + np.einsum("pxa,pa->px", R, offset)
     return predicted
+
+
+def _frames(corners: Array) -> Array:
+    """Right-handed frames [P, 3, 3] of triangles [P, 3, 3], axes in columns: along the first edge, across, normal."""
+    along = corners[:, 1] - corners[:, 0]
+    normal = np.cross(along, corners[:, 2] - corners[:, 0])
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.stack([along, np.cross(normal, along), normal], -1)

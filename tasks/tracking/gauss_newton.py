@@ -28,12 +28,13 @@ _RISE, _FALL = 10.0, 0.2
 
 @dataclass(frozen=True)
 class Scene:
-    """What stays the same over the sequence."""
+    """What stays the same over the sequence. pixel: size of a pixel at the surface [m]."""
 
     surface: Surface
     cameras: Cameras
     reference: Reference
     settings: Settings
+    pixel: float
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,9 @@ class Instant:
 
 @dataclass(frozen=True)
 class View:
-    """What is visible from where: facing cosines [sample, camera], 0 where hidden or without reference, and the rim where there are masks."""
+    """What is visible from where:
+    facing cosines [sample, camera], 0 where hidden or without reference, and the rim where there are masks.
+    """
 
     weight: NDArray[np.float32]
     rim: outline.Rim | None
@@ -63,6 +66,12 @@ class Fit:
     system: blocks.NormalEquations
     last_step: float
     ending: str
+
+
+def pixel_size(cameras: Cameras, x: Array) -> float:
+    """Size of a pixel at the surface x [V, 3] m, middle of the rig [m]."""
+    distance = np.linalg.norm(cameras.centres() - x.mean(0), axis=1)
+    return float(np.median(distance / cameras.K[:, 0, 0]))
 
 
 def fit(scene: Scene, instant: Instant, start: Array) -> Fit:
@@ -92,6 +101,7 @@ def linearise(scene: Scene, instant: Instant, number: int, x: Array, view: View)
     e1, *photo = photometric.derivatives(
         x, surface.faces, surface.barycentric, level=level, cameras=scene.cameras, weight=view.weight,
         reference=scene.reference.colour[number], sigma=(settings.sigma_colour, settings.sigma_mask),
+        sample_area=surface.mean_face / len(surface.barycentric) / scene.pixel**2,
     )  # fmt: skip
     if view.rim is not None:
         outline.add_derivatives(
@@ -109,7 +119,7 @@ def linearise(scene: Scene, instant: Instant, number: int, x: Array, view: View)
 def _descend(scene: Scene, instant: Instant, number: int, x: Array) -> tuple[Array, float, str]:
     """Steps at one level: (x, mean length of the last step [m], how it ended)."""
     settings = scene.settings
-    enough = settings.settled_px * instant.levels[number].blur * _pixel(scene.cameras, x)
+    enough = settings.settled_px * instant.levels[number].blur * scene.pixel
     λ, refused, taken, step = settings.damping, 0, 0, np.inf
     view = look(scene, instant, x)
     energy, system = linearise(scene, instant, number, x, view)
@@ -131,9 +141,3 @@ def _descend(scene: Scene, instant: Instant, number: int, x: Array) -> tuple[Arr
             view = look(scene, instant, x)
             energy, system = linearise(scene, instant, number, x, view)
     return x, step, f"went on after {settings.steps[number]} steps"
-
-
-def _pixel(cameras: Cameras, x: Array) -> float:
-    """Size of a pixel at the surface [m], middle of the rig."""
-    distance = np.linalg.norm(cameras.centres() - x.mean(0), axis=1)
-    return float(np.median(distance / cameras.K[:, 0, 0]))

@@ -3,7 +3,8 @@
 P(x) = ½ Σ_e w_e ((l_e − l⁰_e)/l⁰_e)²,  w_e = A_e/(A_ref σ²)
 
 with l⁰ from frame 0 (or from the predicted body, whose skin does stretch), σ the strain that counts as one standard deviation and
-A_e/A_ref the share of surface that belongs to the edge, relative to that on an equilateral mesh with edges of 24 mm, so that a finer mesh is not a stiffer one.
+A_e/A_ref the share of surface that belongs to the edge, relative to that on an equilateral mesh with edges of 24 mm, so that a finer mesh
+is not a stiffer one.
 
 Source: the isometry loss of Dynamic 3D Gaussians (Luiten et al. 2024), over vertex neighbours and as a squared relative difference
 (a signed difference averages to nothing). Limits: resists shear only through the triangles' diagonals; the Hessian is the Gauss–Newton

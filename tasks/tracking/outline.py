@@ -2,13 +2,17 @@
 
 P(x) = Σ_k Σ_q ½ log(1 + (d_k(π_k(x_q))/σ)²)
 
-over the pixels q of the z-buffer that lie on the rim of what the surface covers, each the point x_q = Σ_i b_i x_i of its face; d is the signed
-distance to the outline of camera k's mask [px], positive inside. Rims that the mask does not show (an arm before the chest) are not in the sum. Rim
+over the pixels q of the z-buffer that lie on the rim of what the surface covers, each the point x_q = Σ_i b_i x_i of its face; d is the
+signed
+distance to the outline of camera k's mask [px], positive inside. Rims that the mask does not show (an arm before the chest) are not in
+the sum. Rim
 points are found anew with every look at what is visible and held fixed in between, as is the Cauchy loss's σ = max(σ_outline, blur).
 
-The photometric term alone leaves a surface that has shrunk into its own picture where it is: all that it covers has the right colour. This term does not.
+The photometric term alone leaves a surface that has shrunk into its own picture where it is: all that it covers has the right colour.
+This term does not.
 
-Source: outlines in performance capture, e.g. Vlasic et al. (2008), Articulated mesh animation from multi-view silhouettes, §5. Limits: a rim point is led to
+Source: outlines in performance capture, e.g. Vlasic et al. (2008), Articulated mesh animation from multi-view silhouettes, §5. Limits: a
+rim point is led to
 the nearest outline, which may belong to another limb; the loss forgives those that are far.
 """
 
@@ -26,7 +30,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outlines:
-    """Signed distance to the masks' outlines [px], positive inside: camera k is distance[offset[k] + j·width + i], of size[k] = (width, height)."""
+    """Signed distance to the masks' outlines [px], positive inside:
+    camera k is distance[offset[k] + j·width + i], of size[k] = (width, height).
+    """
 
     distance: NDArray[np.float32]
     offset: NDArray[np.int64]
@@ -64,7 +70,16 @@ def rim(buffers: list[Fragments]) -> Rim:
 
 
 def add_derivatives(
-    x: Array, faces: NDArray[np.int32], rim: Rim, *, outlines: Outlines, cameras: Cameras, sigma: float, energy: Array, gradient: Array, hessian: Array
+    x: Array,
+    faces: NDArray[np.int32],
+    rim: Rim,
+    *,
+    outlines: Outlines,
+    cameras: Cameras,
+    sigma: float,
+    energy: Array,
+    gradient: Array,
+    hessian: Array,
 ) -> None:
     """Add to energy [F], gradient [F, 3, 3] and Hessian [F, 3, 3, 3, 3] of the faces, as photometric.derivatives gives them; sigma [px]."""
     _fill(
@@ -108,7 +123,9 @@ def _fill(x, faces, camera, face, barycentric, distance, offset, size, K, R, t, 
         w = 1.0 / (sigma * sigma * cauchy)
         energy[f] += 0.5 * np.log(cauchy)
         for c in range(3):
-            J[c] = du * K[k, 0, 0] / p[2] * (R[k, 0, c] - p[0] / p[2] * R[k, 2, c]) + dv * K[k, 1, 1] / p[2] * (R[k, 1, c] - p[1] / p[2] * R[k, 2, c])
+            J[c] = du * K[k, 0, 0] / p[2] * (R[k, 0, c] - p[0] / p[2] * R[k, 2, c]) + dv * K[k, 1, 1] / p[2] * (
+                R[k, 1, c] - p[1] / p[2] * R[k, 2, c]
+            )
         for a in range(3):
             for c in range(3):
                 g[f, a, c] += w * d * barycentric[q, a] * J[c]

@@ -1,9 +1,14 @@
 """Photometric term: a point of the surface keeps the colour it had in frame 0, in every camera that sees it.
 
-P(x) = Σ_s Σ_k a_sk Σ_c ½ log(1 + (r/σ_c)²),  r = I_k,c(π_k(x_s)) − ref_s,k,c,  x_s = Σ_i b_si x_i,  c over R, G, B, mask
+P(x) = η Σ_s Σ_k a_sk Σ_c ½ log(1 + (r/σ_c)²),  r = I_k,c(π_k(x_s)) − ref_s,k,c,  x_s = Σ_i b_si x_i,  c over R, G, B, mask
 
 with a the facing cosine, or 0 where the sample is hidden (visibility.py), both held constant. Cauchy's loss, minimised by iterated weights:
 1/(σ_c²(1 + (r/σ_c)²)). Row of the Jacobian: b_si ∇I · ∂π/∂x, with u = f_x p₀/p₂ + c_x and p = Rx + t.
+
+Samples closer to one another than the blur see the same pixels. η = min(1, A/(4πσ_b²)) counts them once: A is the mean area of a sample
+[px²], σ_b the
+blur and 4πσ_b² the area over which a Gaussian blur leaves one independent value. Without it coarse levels are believed a hundred times
+too much.
 
 Source: surface-sample form of the image term of PhysAvatar §3.2 (which splats Gaussians); Cauchy weights after Black & Rangarajan (1996).
 Limits: no gradient through occlusion edges (the outline acts through the blurred mask), and shading that changes is not modelled.
@@ -31,28 +36,58 @@ def derivatives(
     weight: NDArray[np.float32],
     reference: NDArray[np.float32],
     sigma: tuple[float, float],
+    sample_area: float = np.inf,
 ) -> tuple[Array, Array, Array]:
     """Energy [F], gradient [F, 3, 3] and Gauss–Newton Hessian [F, 3, 3, 3, 3] by the corners of each face.
 
-    x [V, 3] m; barycentric [n, 3]; weight a [sample, camera]; reference [sample, camera, 4]; sigma of colour and of mask.
+    x [V, 3] m; barycentric [n, 3]; weight a [sample, camera]; reference [sample, camera, 4]; sigma of colour and of mask;
+    sample_area [px²].
     """
+    η = min(1.0, sample_area / (4 * np.pi * level.blur**2))
     F = len(faces)
     energy, g, H = np.zeros(F), np.zeros((F, 3, 3)), np.zeros((F, 3, 3, 3, 3))
     K = cameras.K.copy()
     K[:, :2] /= level.scale
-    _fill(x, faces, barycentric, level.pixels, level.offset, level.size, K, cameras.R, cameras.t, weight, reference, sigma[0], sigma[1], energy, g, H)
+    _fill(
+        x,
+        faces,
+        barycentric,
+        level.pixels,
+        level.offset,
+        level.size,
+        K,
+        cameras.R,
+        cameras.t,
+        weight,
+        reference,
+        sigma[0],
+        sigma[1],
+        η,
+        energy,
+        g,
+        H,
+    )
     return energy, g, H
 
 
 def residuals(
-    x: Array, faces: NDArray[np.int32], barycentric: Array, *, level: Level, cameras: Cameras, weight: NDArray[np.float32], reference: NDArray[np.float32]
+    x: Array,
+    faces: NDArray[np.int32],
+    barycentric: Array,
+    *,
+    level: Level,
+    cameras: Cameras,
+    weight: NDArray[np.float32],
+    reference: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """r [sample, camera, 4], NaN where the weight is 0."""
     seen = colours(x, faces, barycentric, level=level, cameras=cameras, weight=weight)
     return seen - reference
 
 
-def colours(x: Array, faces: NDArray[np.int32], barycentric: Array, *, level: Level, cameras: Cameras, weight: NDArray[np.float32]) -> NDArray[np.float32]:
+def colours(
+    x: Array, faces: NDArray[np.int32], barycentric: Array, *, level: Level, cameras: Cameras, weight: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """What the cameras see at the samples [sample, camera, 4]; NaN where the weight is 0."""
     K = cameras.K.copy()
     K[:, :2] /= level.scale
@@ -74,7 +109,7 @@ def _into_camera(R, t, y, p):
 
 
 @njit(parallel=True, cache=True)
-def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, reference, sigma_colour, sigma_mask, energy, g, H):
+def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, reference, sigma_colour, sigma_mask, η, energy, g, H):
     n, cameras = len(barycentric), len(K)
     for f in prange(len(faces)):
         y, p, value, du, dv = np.empty(3), np.empty(3), np.empty(4), np.empty(4), np.empty(4)
@@ -84,7 +119,7 @@ def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, referenc
             h[:], d[:] = 0.0, 0.0
             q = f * n + s
             for k in range(cameras):
-                a = weight[q, k]
+                a = η * weight[q, k]
                 if a == 0.0:
                     continue
                 _into_camera(R[k], t[k], y, p)
@@ -92,7 +127,9 @@ def _fill(x, faces, barycentric, pixels, offset, size, K, R, t, weight, referenc
                     continue
                 p0, p1 = p[0] / p[2], p[1] / p[2]
                 fu, fv = K[k, 0, 0] / p[2], K[k, 1, 1] / p[2]
-                look_up(pixels, offset[k], size[k, 0], size[k, 1], K[k, 0, 0] * p0 + K[k, 0, 2], K[k, 1, 1] * p1 + K[k, 1, 2], value, du, dv)
+                look_up(
+                    pixels, offset[k], size[k, 0], size[k, 1], K[k, 0, 0] * p0 + K[k, 0, 2], K[k, 1, 1] * p1 + K[k, 1, 2], value, du, dv
+                )
                 uu, uv, vv, ru, rv, product = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
                 for c in range(4):
                     r = value[c] - reference[q, k, c]

@@ -1,10 +1,12 @@
 """The colours of the surface samples, taken once, from frame 0, and never updated: nothing accumulates.
 
-m is the mean over the cameras that see the sample from its better seen side, weighted by the facing cosine. At fine blur every camera expects m. At coarse blur
+m is the mean over the cameras that see the sample from its better seen side, weighted by the facing cosine. At fine blur every camera
+expects m. At coarse blur
 (more than 2 px) a camera that saw the sample expects ½ own + ½ m, because strong blur mixes in neighbours that depend on the view.
 Samples that no camera saw in frame 0 are left out for good.
 
-With `gain`, each camera's colour is first brought to the common one by c ↦ (c − offset)/gain, both from frame 0 by least squares on what several cameras
+With `gain`, each camera's colour is first brought to the common one by c ↦ (c − offset)/gain, both from frame 0 by least squares on what
+several cameras
 see, with mean gain 1 and mean offset 0 (the colours of the rig as a whole are not observable).
 """
 
@@ -61,7 +63,9 @@ def camera_gains(x: Array, surface: Surface, level: Level, cameras: Cameras, cos
     """
     weight = np.maximum(cosine * better_side(cosine)[:, None], 0).astype(float)
     weight[(weight > 0).sum(1) < 2] = 0
-    own = photometric.colours(x, surface.faces, surface.barycentric, level=level, cameras=cameras, weight=weight.astype(np.float32))[..., :3].astype(float)
+    own = photometric.colours(x, surface.faces, surface.barycentric, level=level, cameras=cameras, weight=weight.astype(np.float32))[
+        ..., :3
+    ].astype(float)
     own[weight == 0] = 0
     gain, offset = np.ones((len(cameras), 3)), np.zeros((len(cameras), 3))
     for _ in range(3):

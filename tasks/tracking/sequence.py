@@ -1,9 +1,11 @@
 """Track a sequence frame by frame: reference colours from frame 0, start by prediction or constant velocity, one fit per frame.
 
-Start of frame t: x_{t−1} + (p_t − p_{t−1}) where a prediction p is given (skin carried by the fitted body), else 2x_{t−1} − x_{t−2}. A vertex
+Start of frame t: x_{t−1} + (p_t − p_{t−1}) where a prediction p is given (skin carried by the fitted body), else 2x_{t−1} − x_{t−2}. A
+vertex
 whose prediction is NaN in one of the two frames moves on by constant velocity.
 
-Resuming from the state after any frame gives the same bits as an uninterrupted run: the state is the last two frames, everything else comes from frame 0.
+Resuming from the state after any frame gives the same bits as an uninterrupted run: the state is the last two frames, everything else
+comes from frame 0.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,7 +18,7 @@ from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault
 from tasks.geometry.meshes import mesh_faults
 from tasks.tracking import noise, outline, photometric, pyramid, reference
-from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, look
+from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, look, pixel_size
 from tasks.tracking.pyramid import Images, Level
 from tasks.tracking.settings import Settings
 from tasks.tracking.surface import Shape, Surface, shape, surface
@@ -29,7 +31,9 @@ _EYES = 2  # cameras that must see something around a vertex for it to count as 
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """One frame. vertices [V, 3] m; seen [V]; noise_m [V] standard deviation per coordinate; photometric_rms of the finest level; how it ended."""
+    """One frame. vertices [V, 3] m; seen [V]; noise_m [V] standard deviation per coordinate; photometric_rms of the finest level;
+    how it ended.
+    """
 
     frame: int
     vertices: Array
@@ -78,7 +82,8 @@ def track_sequence(
 ) -> Tracked:
     """Follow the template [V, 3] m, faces [F, 3] (the surface in frame 0) through `frames` frames of calibrated images.
 
-    images(frame, camera) -> [height, width, 3]; masks likewise [height, width] or None; part [F] names ("body" is skin, all else cloth); prediction [T, V, 3] m, NaN
+    images(frame, camera) -> [height, width, 3]; masks likewise [height, width] or None; part [F] names ("body" is skin, all else cloth);
+    prediction [T, V, 3] m, NaN
     where there is none; occluder (vertices [T, C, 3] m, faces [G, 3]) hides samples without being tracked; `start` resumes after its frame;
     `on_frame` is called after each frame with what was found and with the state to resume from. Raises BadInput.
     """
@@ -86,39 +91,46 @@ def track_sequence(
     part = np.full(len(faces), "garment") if part is None else np.asarray(part)
     _refuse_bad(template, faces, frames=frames, part=part, prediction=prediction, occluder=occluder, start=start)
     done = []
-    for found, state in _frames(images, masks, cameras, np.asarray(template, float), faces, frames, part, prediction, occluder, settings, start):
+    for found, state in _frames(
+        images, masks, cameras, np.asarray(template, float), faces, frames, part, prediction, occluder, settings, start
+    ):
         done.append(found)
         if on_frame is not None:
             on_frame(found, state)
     return _collected(done, state if done else start)
 
 
-def _frames(images, masks, cameras, template, faces, frames, part, prediction, occluder, settings, start) -> Iterator[tuple[TrackedFrame, State]]:
+def _frames(
+    images, masks, cameras, template, faces, frames, part, prediction, occluder, settings, start
+) -> Iterator[tuple[TrackedFrame, State]]:
     mesh = surface(template, faces, part, settings)
     first = pyramid.stack(images, masks, 0, cameras)
     levels = [pyramid.level(first, blur) for blur in settings.blur_px]
-    cosine = facing_cosines(template, mesh, cameras, occluder=_at(occluder, 0), side=None, facing=settings.facing_reference, settings=settings)
+    cosine = facing_cosines(
+        template, mesh, cameras, occluder=_at(occluder, 0), side=None, facing=settings.facing_reference, settings=settings
+    )
     correct = _colour_correction(template, mesh, levels[-1], cameras, cosine) if settings.camera_gain else lambda level: level
     levels = [correct(level) for level in levels]
     rims = outline.outlines if masks is not None and settings.sigma_outline is not None else lambda stacked: None
-    scene = Scene(mesh, cameras, reference.take(template, mesh, levels, cameras, cosine), settings)
+    scene = Scene(mesh, cameras, reference.take(template, mesh, levels, cameras, cosine), settings, pixel_size(cameras, template))
     if start is None:
         state = State(0, template, template)
-        now = Instant(tuple(levels), rims(first), _shape_at(mesh, template, prediction, 0, settings), _at(occluder, 0))
+        now = Instant(tuple(levels), rims(first), _shape_at(mesh, template, prediction, 0, template, settings), _at(occluder, 0))
         yield _described(scene, now, _held(scene, now, template), 0), state
     else:
         state = start
     for t in range(state.frame + 1, frames):
         stacked = pyramid.stack(images, masks, t, cameras)
         levels = tuple(correct(pyramid.level(stacked, blur)) for blur in settings.blur_px)
-        now = Instant(levels, rims(stacked), _shape_at(mesh, template, prediction, t, settings), _at(occluder, t))
-        found = fit(scene, now, _predicted(state, prediction, t))
+        begin = _predicted(state, prediction, t)
+        now = Instant(levels, rims(stacked), _shape_at(mesh, template, prediction, t, begin, settings), _at(occluder, t))
+        found = fit(scene, now, begin)
         state = State(t, state.last, found.x)
         yield _described(scene, now, found, t), state
 
 
-def _shape_at(mesh: Surface, template: Array, prediction: Array | None, t: int, settings: Settings) -> Shape:
-    return shape(mesh, template, None if prediction is None else prediction[t], settings)
+def _shape_at(mesh: Surface, template: Array, prediction: Array | None, t: int, begin: Array, settings: Settings) -> Shape:
+    return shape(mesh, template, None if prediction is None else prediction[t], begin, settings)
 
 
 def _predicted(state: State, prediction: Array | None, t: int) -> Array:
@@ -140,7 +152,13 @@ def _held(scene: Scene, now: Instant, template: Array) -> Fit:
 def _described(scene: Scene, now: Instant, found: Fit, t: int) -> TrackedFrame:
     mesh = scene.surface
     r = photometric.residuals(
-        found.x, mesh.faces, mesh.barycentric, level=now.levels[-1], cameras=scene.cameras, weight=found.weight, reference=scene.reference.colour[-1]
+        found.x,
+        mesh.faces,
+        mesh.barycentric,
+        level=now.levels[-1],
+        cameras=scene.cameras,
+        weight=found.weight,
+        reference=scene.reference.colour[-1],
     )
     σ = scene.settings.noise_calibration * noise.posterior(found.system)
     rms = float(np.sqrt(np.nanmean(r[..., :3] ** 2))) if np.isfinite(r).any() else float("nan")
@@ -156,7 +174,9 @@ def _seen(mesh: Surface, weight: NDArray[np.float32], vertex_count: int) -> NDAr
     return views.sum(1) >= _EYES
 
 
-def _colour_correction(template: Array, mesh: Surface, level: Level, cameras: Cameras, cosine: NDArray[np.float32]) -> Callable[[Level], Level]:
+def _colour_correction(
+    template: Array, mesh: Surface, level: Level, cameras: Cameras, cosine: NDArray[np.float32]
+) -> Callable[[Level], Level]:
     gain, offset = reference.camera_gains(template, mesh, level, cameras, cosine)
     return lambda level: reference.corrected(level, gain, offset)
 

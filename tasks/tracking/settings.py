@@ -20,13 +20,19 @@ class Settings:
     sigma_mask: float = 0.2
     """The same for the mask in [0, 1]: outlines of masks are ragged."""
     sigma_outline: float | None = 1.0
-    """Distance of the surface's rim from the mask's outline of one standard deviation [px], at least the blur (Cauchy); None leaves the term out."""
+    """Distance of the surface's rim from the mask's outline of one standard deviation [px], at least the blur (Cauchy);
+    None leaves the term out.
+    """
     sigma_strain: float = 0.02
     """Edge strain of one standard deviation, on edges of 24 mm (isometry.py)."""
     sigma_normal: float = 0.3
     """Difference of neighbouring unit normals of one standard deviation."""
     sigma_prediction: float = 0.03
     """Distance from the predicted place of one standard deviation, for vertices that have a prediction [m]."""
+    sigma_inertia: float = 0.02
+    """Distance from where constant velocity leads of one standard deviation, for all other vertices [m]:
+    it decides only where the images do not.
+    """
     damping: float = 200.0
     """Smallest Levenberg–Marquardt damping, on the diagonal [1/m²]."""
     largest_step: float = 0.03

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.meshes import edges as mesh_edges
+from tasks.geometry.meshes import face_areas
 from tasks.geometry.meshes import hinges as mesh_hinges
 from tasks.tracking import blocks, isometry, normal_consistency
 from tasks.tracking.settings import Settings
@@ -21,7 +22,9 @@ SKIN = "body"
 
 @dataclass(frozen=True)
 class Surface:
-    """faces [F, 3]; edges [E, 2] with weight [E]; hinges [H, 4]; barycentric [n, 3] of a face's samples; layer [F]; mean_edge m."""
+    """faces [F, 3]; edges [E, 2] with weight [E]; hinges [H, 4]; barycentric [n, 3] of a face's samples; layer [F];
+    mean_edge m, mean_face m².
+    """
 
     faces: NDArray[np.int32]
     edges: NDArray[np.int32]
@@ -30,6 +33,7 @@ class Surface:
     barycentric: Array
     layer: NDArray[np.int8]
     mean_edge: float
+    mean_face: float
     pattern: blocks.Pattern
 
     @property
@@ -60,6 +64,7 @@ def surface(template: Array, faces: NDArray[np.integer], part: NDArray[np.str_],
         barycentric=centroids_of_parts(settings.subdivision),
         layer=(np.asarray(part) != SKIN).astype(np.int8),
         mean_edge=float(isometry.lengths(template, edges).mean()),
+        mean_face=float(face_areas(template, faces).mean()),
         pattern=blocks.pattern(len(template), faces, edges, hinges),
     )
 
@@ -72,15 +77,18 @@ def centroids_of_parts(k: int) -> Array:
     return np.column_stack([1 - ij.sum(1), ij])
 
 
-def shape(surface: Surface, template: Array, prediction: Array | None, settings: Settings) -> Shape:
-    """Template lengths and flat hinges; where all corners have a predicted place [V, 3] (else NaN), the predicted lengths and normals, and weak anchors."""
+def shape(surface: Surface, template: Array, prediction: Array | None, start: Array, settings: Settings) -> Shape:
+    """Template lengths, flat hinges and weak anchors at `start` [V, 3] m, where inertia would take the vertices.
+
+    Where all corners have a predicted place [V, 3] m (else NaN): the predicted lengths, normals and anchors instead.
+    """
     rest = isometry.lengths(template, surface.edges)
     bend = np.zeros((len(surface.hinges), 3))
     if prediction is None:
-        return Shape(rest, bend, np.zeros_like(template), np.zeros(len(template)))
+        return Shape(rest, bend, start, np.full(len(start), settings.sigma_inertia**-2))
     known = np.isfinite(prediction).all(1)
-    anchor = np.where(known[:, None], prediction, 0.0)
+    anchor = np.where(known[:, None], prediction, start)
     edge, hinge = known[surface.edges].all(1), known[surface.hinges].all(1)
     rest[edge] = isometry.lengths(anchor, surface.edges[edge])
     bend[hinge] = normal_consistency.normal_difference(anchor, surface.hinges[hinge])
-    return Shape(rest, bend, anchor, known / settings.sigma_prediction**2)
+    return Shape(rest, bend, anchor, np.where(known, settings.sigma_prediction, settings.sigma_inertia) ** -2.0)

@@ -1,6 +1,7 @@
 """Which camera sees which sample, from z-buffers of the present surface and of an optional occluder.
 
-A sample is compared at the centre of the buffer's pixel it falls into, with the depth that the plane of its own face has there, so that slanted
+A sample is compared at the centre of the buffer's pixel it falls into, with the depth that the plane of its own face has there, so that
+slanted
 faces need no slack. It counts as seen if it lies no further behind the buffer than a tolerance:
 
 - τ (a share of the mean edge) behind cloth or skin of its own layer;
@@ -37,10 +38,18 @@ class Occluder:
 
 
 def facing_cosines(
-    x: Array, surface: Surface, cameras: Cameras, *, occluder: Occluder | None, side: NDArray[np.int8] | None, facing: float, settings: Settings,
+    x: Array,
+    surface: Surface,
+    cameras: Cameras,
+    *,
+    occluder: Occluder | None,
+    side: NDArray[np.int8] | None,
+    facing: float,
+    settings: Settings,
     own: Sequence[Fragments] | None = None,
 ) -> NDArray[np.float32]:
-    """Cosine between face normal and line of sight [sample, camera]: positive on the face's outer side, negative on its inner, 0 where unseen.
+    """Cosine between face normal and line of sight [sample, camera]: positive on the face's outer side, negative on its inner, 0 where
+    unseen.
 
     x [V, 3] m. `side` [sample] (+1 outer, −1 inner) keeps only views of that side; None keeps both.
     `own` are the surface's z-buffers at Settings.buffer_scale, where they are at hand.
@@ -63,6 +72,7 @@ def facing_cosines(
 
 def buffers(cameras: Cameras, vertices: Array, faces: NDArray[np.int32]) -> Sequence[Fragments]:
     """Z-buffers of a mesh [V, 3] m, [F, 3], one per camera."""
+
     def one(k: int) -> Fragments:
         return rasterise(cameras.K[k], cameras.R[k], cameras.t[k], cameras.size[k], vertices, faces)
 

@@ -1,14 +1,18 @@
 """A surface for frame 0 from masks alone: the visual hull, meshed.
 
-H = {x : every camera k that has x in its image has π_k(x) inside its mask, and at least a given share of all cameras has}. The hull is the zero set of the field
+H = {x : every camera k that has x in its image has π_k(x) inside its mask, and at least a given share of all cameras has}. The hull is
+the zero set of the field
 
 φ(x) = min_k d_k(π_k(x)) z_k(x)/f_k   [m, positive inside]
 
-with d_k the signed distance to the mask's outline in pixels, so that marching cubes places the surface between grid points. The largest piece is
-smoothed (Taubin 1995: λ, then μ, no shrinkage), brought to the wanted number of vertices by collapsing shortest edges, and its triangles are evened out by
+with d_k the signed distance to the mask's outline in pixels, so that marching cubes places the surface between grid points. The largest
+piece is
+smoothed (Taubin 1995: λ, then μ, no shrinkage), brought to the wanted number of vertices by collapsing shortest edges, and its triangles
+are evened out by
 moving vertices towards their neighbours' mean and back onto the surface.
 
-Source: Laurentini (1994), The visual hull concept. Limits: hollows that no outline shows are filled (under arms, between folds), the body and its clothes
+Source: Laurentini (1994), The visual hull concept. Limits: hollows that no outline shows are filled (under arms, between folds), the body
+and its clothes
 are one piece without names, and colours are not used: photometric refinement of the hull is not built.
 """
 
@@ -28,7 +32,13 @@ _EVENING = 8
 
 
 def visual_hull(
-    masks: list[NDArray], cameras: Cameras, *, vertex_count: int = 5000, voxel: float = 0.01, bounds: Array | None = None, least_share: float = 0.5
+    masks: list[NDArray],
+    cameras: Cameras,
+    *,
+    target_vertices: int = 5000,
+    voxel: float = 0.01,
+    bounds: Array | None = None,
+    least_share: float = 0.5,
 ) -> tuple[Array, NDArray[np.int32]]:
     """Watertight mesh (vertices [V, 3] m, faces [F, 3], outward) of what lies within all masks [camera][height, width].
 
@@ -42,7 +52,7 @@ def visual_hull(
         raise BadInput([Fault("masks", "no point lies within all of them", "Check that masks and calibration belong together.")])
     vertices, faces = _largest(*_surface(field, points, shape))
     fine = _taubin(vertices, faces)
-    coarse, coarse_faces = _decimated(fine, faces, vertex_count)
+    coarse, coarse_faces = _decimated(fine, faces, target_vertices)
     even = _evened(coarse, coarse_faces, fine, faces)
     faults = mesh_faults(even, coarse_faces, "visual hull", metres=False)
     if len(boundary_edges(coarse_faces)):
@@ -57,7 +67,11 @@ def _outlines(masks: list[NDArray], cameras: Cameras) -> list[NDArray[np.float32
     import cv2
 
     faults = [
-        Fault(f"mask of camera {name}", f"size {mask.shape[1::-1]}, camera {tuple(int(n) for n in size)}", "Give masks of the calibrated size.")
+        Fault(
+            f"mask of camera {name}",
+            f"size {mask.shape[1::-1]}, camera {tuple(int(n) for n in size)}",
+            "Give masks of the calibrated size.",
+        )
         for name, mask, size in zip(cameras.names, masks, cameras.size, strict=True)
         if mask.shape[:2] != (size[1], size[0])
     ]
@@ -89,7 +103,9 @@ def _search(distances: list[NDArray[np.float32]], cameras: Cameras, least_share:
     return wide
 
 
-def _field(distances: list[NDArray[np.float32]], cameras: Cameras, box: Array, spacing: float, least_share: float) -> tuple[Array, Array, tuple[int, int, int]]:
+def _field(
+    distances: list[NDArray[np.float32]], cameras: Cameras, box: Array, spacing: float, least_share: float
+) -> tuple[Array, Array, tuple[int, int, int]]:
     """φ [N] m at grid points [N, 3], x fastest, and the grid's shape (x, y, z)."""
     axes = [np.arange(box[0, a], box[1, a] + spacing, spacing) for a in range(3)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
@@ -148,13 +164,13 @@ def _taubin(vertices: Array, faces: NDArray[np.int32], *, sweeps: int = 10, λ: 
     return vertices
 
 
-def _decimated(vertices: Array, faces: NDArray[np.int32], vertex_count: int) -> tuple[Array, NDArray[np.int32]]:
-    """Shortest edges collapsed until about `vertex_count` remain (a closed surface has two faces per vertex)."""
+def _decimated(vertices: Array, faces: NDArray[np.int32], target_vertices: int) -> tuple[Array, NDArray[np.int32]]:
+    """Shortest edges collapsed until about `target_vertices` remain (a closed surface has two faces per vertex)."""
     import igl
 
-    if len(vertices) <= vertex_count:
+    if len(vertices) <= target_vertices:
         return vertices, faces
-    V, F, _, _ = igl.decimate(np.asfortranarray(vertices), np.asfortranarray(faces), 2 * vertex_count - 4)
+    V, F, _, _ = igl.decimate(np.asfortranarray(vertices), np.asfortranarray(faces), 2 * target_vertices - 4)
     return np.ascontiguousarray(V), np.ascontiguousarray(F).astype(np.int32)
 
 

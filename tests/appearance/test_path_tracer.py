@@ -37,6 +37,7 @@ def test_two_renderers_agree(traced, frame, camera):
     assert inside.sum() > 150
     np.testing.assert_allclose(drawn[..., 3], covered, atol=0.55)  # an outline pixel may differ by two of the four sub-samples
     assert psnr(drawn[..., :3], image, inside) > 34
+    assert (drawn[drawn[..., 3] == 0] == 0).all()  # the sky lights but is not in the picture
     assert abs(np.mean(drawn[inside, :3] - image[inside])) < 0.004
 
 

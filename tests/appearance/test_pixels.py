@@ -32,7 +32,7 @@ def matrix_obvious(view, size, channel):
 def test_a_pixel_is_the_mean_of_four_look_ups_times_irradiance():
     """Every fully covered pixel again from scratch: hit points, irradiance and UV interpolated by hand."""
     scene, A, view = lit_view()
-    texture = blotches(32)
+    texture = blotches(SIZE[0])
     image, covered = shade(view, texture)
     K = scene.cameras.K[1] * np.array([[2.0], [2], [1]])
     drawn = rasterise(K, scene.cameras.R[1], scene.cameras.t[1], (80, 80), scene.vertices[0], scene.faces)

@@ -79,7 +79,10 @@ def test_agreed_points_shrug_off_one_gross_error(rig):  # noqa: F811
 
 def test_masks_need_no_agreement(scene):
     detector, images, boxes = scene
-    masks = [[boxes[0, camera] for camera in range(4)] for _ in range(FRAMES)]  # the stub reads a box where a mask would be
-    found = follow_masks(detector, zip(images, masks))
+    masks = []
+    for left, top, right, bottom in boxes[0].round().astype(int):
+        masks.append(np.zeros((480, 640), bool))
+        masks[-1][top:bottom, left:right] = True
+    found = follow_masks(detector, [(pictures, masks) for pictures in images])
     np.testing.assert_allclose(found.uv[0], detector.figures[0, 0])
-    assert found.box.shape == (FRAMES, 4, 4)
+    np.testing.assert_array_equal(found.box[0], boxes[0].round())

@@ -23,13 +23,13 @@ def crosses(frame, cloth, collider_faces):
 
 
 def test_drop_on_a_sphere_crosses_nothing():
-    x, faces = sheet(13, 13, length=0.5, width=0.5)
+    x, faces = sheet(9, 9, length=0.4, width=0.4)
     ball = sphere(2, 0.1)
-    cloth = Cloth(x - np.array([0.25, -0.105, 0.25]), faces)
-    frames = run(cloth, Fabric(), still(10, cloth, ball), settings=Settings(integrator="backward_euler", substeps=1))
+    cloth = Cloth(x - np.array([0.2, -0.105, 0.2]), faces)
+    frames = run(cloth, Fabric(), still(8, cloth, ball), settings=Settings(integrator="backward_euler", substeps=1))
     assert not any(crosses(f, cloth, ball[1]) for f in frames)
     assert frames[-1].x[:, 1].min() < 0 and np.linalg.norm(frames[-1].x, axis=1).min() > 0.099  # it hangs around the ball
-    frames[-1].x[84] = 0  # the middle vertex, pushed into the ball
+    frames[-1].x[40] = 0  # the middle vertex, pushed into the ball
     assert crosses(frames[-1], cloth, ball[1])
 
 

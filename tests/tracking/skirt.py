@@ -22,7 +22,9 @@ _LEG = 0.095  # [m] radius
 
 @dataclass(frozen=True)
 class Skirt:
-    """vertices [T, V, 3] m true; faces [F, 3]; uv [V, 2] with seam at `uv_faces`' own indices; cameras; images uint8, masks bool [T][camera]."""
+    """vertices [T, V, 3] m true; faces [F, 3]; uv [V, 2] with seam at `uv_faces`' own indices; cameras;
+    images uint8, masks bool [T][camera].
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -69,7 +71,14 @@ def ring(views, size, *, radius=2.2, height=0.55) -> Cameras:
         w, h = (size, size) if k % 2 else (size - size // 8, size + size // 16)
         K.append(np.array([[f, 0, w / 2 + (k % 3) * size / 100], [0, f * 1.002, h / 2 - (k % 2) * size / 128], [0, 0, 1]]))
         sizes.append((w, h))
-    return Cameras(tuple(f"Cam{k:03d}" for k in range(1, views + 1)), np.array(K), np.array(R), np.array(t), np.array(sizes, np.int32), np.zeros((views, 5)))
+    return Cameras(
+        tuple(f"Cam{k:03d}" for k in range(1, views + 1)),
+        np.array(K),
+        np.array(R),
+        np.array(t),
+        np.array(sizes, np.int32),
+        np.zeros((views, 5)),
+    )
 
 
 def cone(columns, rows):
@@ -126,7 +135,9 @@ def _pairs(a, b):
 def _waist(ring, time):
     turn = 0.2 * np.sin(2 * np.pi * time / 1.1)
     c, s = np.cos(turn), np.sin(turn)
-    shift = np.array([0.025 * np.sin(2 * np.pi * time / 0.9), 0.008 * np.sin(4 * np.pi * time), 0.02 * np.cos(2 * np.pi * time / 1.3) - 0.02])
+    shift = np.array(
+        [0.025 * np.sin(2 * np.pi * time / 0.9), 0.008 * np.sin(4 * np.pi * time), 0.02 * np.cos(2 * np.pi * time / 1.3) - 0.02]
+    )
     return ring @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + shift
 
 

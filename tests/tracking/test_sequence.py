@@ -18,7 +18,9 @@ def small():
 
 
 def track(s, **more):
-    return track_sequence(s.image, s.mask, s.cameras, s.vertices[0], s.faces, frames=more.pop("frames", 4), settings=more.pop("settings", SETTINGS), **more)
+    return track_sequence(
+        s.image, s.mask, s.cameras, s.vertices[0], s.faces, frames=more.pop("frames", 4), settings=more.pop("settings", SETTINGS), **more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,15 @@ def test_without_iso_the_lengths_go(small, tracked):
 
 def test_other_images_are_not_followed(small, tracked):
     """Negative control: with frame 0's images for all frames the surface stays."""
-    still = track_sequence(lambda t, k: small.image(0, k), lambda t, k: small.mask(0, k), small.cameras, small.vertices[0], small.faces, frames=3, settings=SETTINGS)
+    still = track_sequence(
+        lambda t, k: small.image(0, k),
+        lambda t, k: small.mask(0, k),
+        small.cameras,
+        small.vertices[0],
+        small.faces,
+        frames=3,
+        settings=SETTINGS,
+    )
     assert rmse(still.vertices[2], small.vertices[0]) < 0.003 < 0.015 < rmse(tracked.vertices[2], small.vertices[0])
 
 
@@ -83,7 +93,9 @@ def test_most_errors_lie_within_two_standard_deviations(small, tracked):
 def test_hidden_vertices_are_not_seen_and_are_noisier(small):
     """A box around the upper half hides it in every frame; ISO and normals carry it."""
     corners = np.array([[x, y, z] for x in (-0.6, 0.6) for y in (0.5, 1.4) for z in (-0.6, 0.6)])
-    box = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6]])
+    box = np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6]]
+    )
     hidden = track(small, frames=2, occluder=(np.repeat(corners[None], 2, 0), box))
     top = small.vertices[0][:, 1] > 0.75
     assert not hidden.seen[1][top].any()
@@ -98,7 +110,15 @@ def test_a_prediction_carries_what_no_camera_sees(small):
     part[:200] = "body"
     prediction = np.where(skin[:, None], small.vertices[:3], np.nan)
     found = track_sequence(
-        lambda t, k: np.zeros_like(small.image(t, k)), None, small.cameras, small.vertices[0], small.faces, frames=3, part=part, prediction=prediction, settings=SETTINGS
+        lambda t, k: np.zeros_like(small.image(t, k)),
+        None,
+        small.cameras,
+        small.vertices[0],
+        small.faces,
+        frames=3,
+        part=part,
+        prediction=prediction,
+        settings=SETTINGS,
     )
     assert rmse(found.vertices[2][skin], small.vertices[2][skin]) < 0.3 * rmse(small.vertices[0][skin], small.vertices[2][skin])
 
@@ -108,6 +128,14 @@ def test_all_faults_are_told_at_once(small):
     x[3] = np.nan
     with pytest.raises(BadInput) as raised:
         track_sequence(
-            small.image, small.mask, small.cameras, x, small.faces, frames=4, part=np.array(["a"]), prediction=np.zeros((2, 5, 3)), occluder=(np.zeros((1, 3, 3)), small.faces)
+            small.image,
+            small.mask,
+            small.cameras,
+            x,
+            small.faces,
+            frames=4,
+            part=np.array(["a"]),
+            prediction=np.zeros((2, 5, 3)),
+            occluder=(np.zeros((1, 3, 3)), small.faces),
         )
     assert {fault.where for fault in raised.value.faults} == {"template", "part", "prediction", "occluder"}

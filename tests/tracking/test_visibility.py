@@ -13,7 +13,9 @@ CAMERAS = ring(2, 256)  # the second looks from behind
 
 
 def sheets(gap, *, n=12, size=0.4):
-    """Two square sheets, the second `gap` [m] behind the first as the first camera sees them: vertices and faces, and a unit vector towards that camera."""
+    """Two square sheets, the second `gap` [m] behind the first as the first camera sees them:
+    vertices and faces, and a unit vector towards that camera.
+    """
     towards = CAMERAS.centres()[0] - [0, 0.5, 0]
     towards = towards / np.linalg.norm(towards)
     right = np.cross([0, 1, 0], towards)
@@ -47,7 +49,9 @@ def test_within_the_tolerance_both_layers_of_a_fold_are_seen():
     assert seen(1.6 * SETTINGS.depth_tolerance_edges * edge)[1] < 0.1
 
 
-@pytest.mark.parametrize(("front", "behind", "gap", "visible"), [("body", "skirt", 0.015, True), ("body", "skirt", 0.04, False), ("skirt", "body", 0.003, False)])
+@pytest.mark.parametrize(
+    ("front", "behind", "gap", "visible"), [("body", "skirt", 0.015, True), ("body", "skirt", 0.04, False), ("skirt", "body", 0.003, False)]
+)
 def test_cloth_wins_over_skin(front, behind, gap, visible):
     assert (seen(gap, front=front, behind=behind)[1] > 0.9) == visible
 
@@ -67,7 +71,13 @@ def test_the_back_side_has_a_negative_cosine_and_may_be_refused():
     inner = np.sign(cosine[cosine[:, 1] != 0, 1])
     assert len(set(outer)) == 1 and set(outer) == {-o for o in set(inner)}
     only = facing_cosines(
-        x, surface(x, faces, np.full(len(faces), "top"), SETTINGS), CAMERAS, occluder=None, side=np.full(len(cosine), int(outer[0]), np.int8), facing=0.15, settings=SETTINGS
+        x,
+        surface(x, faces, np.full(len(faces), "top"), SETTINGS),
+        CAMERAS,
+        occluder=None,
+        side=np.full(len(cosine), int(outer[0]), np.int8),
+        facing=0.15,
+        settings=SETTINGS,
     )
     assert (only[:, 0] != 0).any() and not only[:, 1].any()
 
@@ -79,8 +89,10 @@ def test_grazing_views_are_left_out():
 def test_samples_outside_the_image_are_not_seen():
     x, faces, _ = sheets(0.1)
     mesh = surface(x, faces, np.full(len(faces), "top"), SETTINGS)
-    far = facing_cosines(x + [0, 5.0, 0], mesh, CAMERAS, occluder=None, side=None, facing=0.15, settings=SETTINGS)
-    behind = facing_cosines(x + 2 * (CAMERAS.centres()[0] - [0, 0.5, 0]), mesh, CAMERAS.subset([0]), occluder=None, side=None, facing=0.15, settings=SETTINGS)
+    far = facing_cosines(x + np.array([0, 5.0, 0]), mesh, CAMERAS, occluder=None, side=None, facing=0.15, settings=SETTINGS)
+    behind = facing_cosines(
+        x + 2 * (CAMERAS.centres()[0] - [0, 0.5, 0]), mesh, CAMERAS.subset([0]), occluder=None, side=None, facing=0.15, settings=SETTINGS
+    )
     assert not far.any() and not behind.any()
 
 

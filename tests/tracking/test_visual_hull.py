@@ -24,7 +24,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def hull(ball):
-    return visual_hull(*ball, vertex_count=1500, voxel=0.02)
+    return visual_hull(*ball, target_vertices=1500, voxel=0.02)
 
 
 def test_it_is_closed_and_manifold_and_has_the_size_asked_for(hull):
@@ -35,7 +35,9 @@ def test_it_is_closed_and_manifold_and_has_the_size_asked_for(hull):
 
 
 def test_the_hull_of_a_ball_holds_the_ball_and_little_more(hull):
-    """Where outlines constrain it (the flanks) the radius is right; above and below, where no camera looks along the surface, it is a cap."""
+    """Where outlines constrain it (the flanks) the radius is right;
+    above and below, where no camera looks along the surface, it is a cap.
+    """
     vertices, faces = hull
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6

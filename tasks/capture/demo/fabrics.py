@@ -1,8 +1,8 @@
 """The cloth of the demo's garments, drawn from ranges measured on real fabrics.
 
-Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending rigidity B 1e-5 to 4e-5 N·m: woven cottons and wools from shirt
-to skirt weight (Wang, O'Brien, Ramamoorthi 2011, table of measured fabrics; Kawabata 1980, bending of suitings). Both garments are
-cut from cloth of one weight, so that one weighing gives the density of either.
+Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending rigidity B 1e-5 to 4e-5 N·m: orders of magnitude of woven
+cotton and wool from shirt to skirt weight. Softer cloth folds over less than the edges of the simulated mesh: its bending length
+(B/ρ̄g)^⅓ would fall below 16 mm. Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
 """
 
 import numpy as np

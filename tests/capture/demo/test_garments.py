@@ -60,6 +60,14 @@ def test_hull_keeps_the_ease_from_every_point() -> None:
     assert inside(points, curve[:-1]).all()
 
 
+def test_hull_of_an_ellipse_stays_close_to_it() -> None:
+    """Support function and its derivative together give the curve; h n alone would leave the ellipse by half its lesser axis."""
+    turn = np.linspace(0, 2 * np.pi, 3000)
+    ellipse = np.stack([0.2 * np.cos(turn), 0.1 * np.sin(turn)], 1)
+    away = np.linalg.norm(hull_curve(ellipse, 0.01)[:, None] - ellipse[None], axis=2).min(1)
+    assert 0.0099 < away.min() and away.max() < 0.022
+
+
 def test_bridge_over_nothing_is_straight_and_over_a_post_clears_it() -> None:
     start, end = np.array([0.1, 1.0]), np.array([-0.1, 1.0])
     assert_allclose(bridge(start, end, np.array([[0.0, 0.5]]), ease=0.01)[:, 1], 1.0)

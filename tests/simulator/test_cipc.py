@@ -1,0 +1,35 @@
+"""C-IPC's recorded frames are solutions of our equations in its settings: Newton's method started there hardly moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.simulator.base_model import base_problem
+from tasks.simulator.newton import minimise
+from tasks.simulator.time_integration import State, known, rule
+from tests.benchmarks.simulator import AS_CIPC, DATA, recording
+
+pytestmark = pytest.mark.skipif(not DATA.exists(), reason="no recordings: set PHYSAVATAR_REAL_DATA")
+
+
+def distance(name, k, **fabric_changes):
+    """Rms distance [mm] between frame k+1 and the solution of our step from frames k−1, k that Newton finds from there."""
+    cloth, fabric, collider, x, c = recording(name)
+    problem = base_problem(cloth, replace(fabric, **fabric_changes), collider, c[k], settings=AS_CIPC)
+    now = State(x[k], (x[k] - x[k - 1]) * 25, c[k])
+    step = known(rule("backward_euler", 0.04, None), now, now, c[k + 1], 0.04)
+    return 1e3 * np.sqrt(np.mean(np.sum((minimise(problem, x[k + 1], step).x - x[k + 1]) ** 2, 1)))
+
+
+@pytest.mark.parametrize(("name", "k"), [("skirt_base", 14), ("sphere_1600", 16), ("skirt_friction_04", 12)])
+def test_a_frame_is_a_solution(name, k):
+    assert distance(name, k) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "k", "change"),
+    [("skirt_base", 14, {"membrane": 2.0}), ("skirt_base", 14, {"density": 480.0}), ("skirt_friction_04", 12, {"friction": 0.2})],
+)
+def test_and_of_no_other_fabric(name, k, change):
+    assert distance(name, k, **change) > 0.2
