@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from flows.orphans import end_orphaned_servers
 from flows.pipeline import STAGES, pipeline
 from flows.runs import RunRecord
 from storage_schemas.reference import ArtifactRef
@@ -54,6 +55,7 @@ class _Reached(Exception):
 def run_actor(request: Request, store: Store, record: RunRecord) -> dict[str, ArtifactRef]:
     """Run the pipeline as a Prefect flow in this process, on Prefect's own ephemeral API; returns the artifact of each stage."""
     use_local_prefect(store.root)
+    end_orphaned_servers(Path(os.environ["PREFECT_HOME"]))
     from prefect import flow
 
     @flow(name="actor", flow_run_name=f"{request.actor} {request.sequence}", log_prints=False, validate_parameters=False)

@@ -15,8 +15,8 @@ class AppearanceParameters(Parameters):
     """frames: how many, spread over the sequence; held_out: index of the camera that only judges."""
 
     frames: int = 6
-    texture_size: int = 512
-    reduce: int = 2
+    texture_size: int = 1024
+    reduce: int = 1
     held_out: int = 2
     fit_gain: bool = True
 

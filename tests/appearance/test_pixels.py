@@ -94,10 +94,11 @@ def test_a_pixel_counts_when_its_texels_lie_within_reach(axis, far, used):
     np.testing.assert_allclose(equations.times(np.ones((16, 16, 3), np.float32)).sum(), 3 * used, atol=1e-6)  # (M1)² = 1 per channel
 
 
-def test_pixels_in_deep_shadow_are_not_fitted():
+@pytest.mark.parametrize("at", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_pixels_in_deep_shadow_are_not_fitted(at):
     for light, used in ((DEEP_SHADOW - 0.01, 0), (DEEP_SHADOW + 0.01, 1)):
         irradiance = np.ones((2, 2, 3), np.float32)
-        irradiance[1, 0, 2] = light
+        irradiance[(*at, 2)] = light
         equations = NormalEquations((16, 16))
         equations.add(
             View(np.zeros((2, 2), np.int32), np.full((2, 2, 2), 5.25, np.float32), irradiance),

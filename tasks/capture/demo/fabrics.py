@@ -1,8 +1,8 @@
 """The cloth of the demo's garments, drawn from ranges measured on real fabrics.
 
-Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending rigidity B 1e-5 to 4e-5 N·m: orders of magnitude of woven
-cotton and wool from shirt to skirt weight. Softer cloth folds over less than the edges of the simulated mesh: its bending length
-(B/ρ̄g)^⅓ would fall below 16 mm. Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
+Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending rigidity B 3e-5 to 1.2e-4 N·m: orders of magnitude of firm woven
+cotton and wool of skirt weight. Softer cloth folds over less than the edges of the simulated mesh: its bending length (B/ρ̄g)^⅓ would
+fall below 23 mm. Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from tasks.simulator.fabric import Fabric
 
 AREAL_DENSITY = (0.12, 0.24)  # [kg/m²]
 STRETCH = (150.0, 600.0)  # [N/m]
-BENDING_RIGIDITY = (1e-5, 4e-5)  # [N·m]
+BENDING_RIGIDITY = (3e-5, 1.2e-4)  # [N·m]
 FRICTION = 0.2
 
 

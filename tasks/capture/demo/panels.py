@@ -62,11 +62,10 @@ def _grid(outline: Array, spacing: float, rng: np.random.Generator) -> Array:
 def _delaunay(points: Array, outline: Array) -> Faces:
     from scipy.spatial import Delaunay
 
-    faces = Delaunay(points).simplices
-    corners = points[faces]
-    area = np.cross(np.insert(corners[:, 1] - corners[:, 0], 2, 0, 1), np.insert(corners[:, 2] - corners[:, 0], 2, 0, 1))[:, 2]
-    keep = inside(corners.mean(1), outline) & (np.abs(area) > 1e-12)
-    return np.where((area < 0)[:, None], faces[:, ::-1], faces)[keep].astype(np.int32)
+    faces = Delaunay(points).simplices  # counter-clockwise in the plane, by scipy's promise
+    a, b, c = points[faces].transpose(1, 0, 2)
+    area = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    return faces[inside((a + b + c) / 3, outline) & (area > 1e-12)].astype(np.int32)
 
 
 def _pushes(points: Array, faces: Faces, spacing: float) -> Array:

@@ -66,7 +66,7 @@ def _garment(fitting: Fitting, worn: Array, surface: Surface) -> dict[str, np.nd
         "uv_extent": garment.uv_vertices.max(0),
         "areal_density": np.array(fabric.areal_density),
         "stretch": np.array(fabric.stretch_stiffness),
-        "bending_rigidity": np.array(2 * fabric.hinge_constant),  # k is half the plate's rigidity B
+        "bending_rigidity": np.array(fabric.bending_rigidity),
         "friction": np.array(fabric.friction),
         "density": np.array(fabric.density),
         "kappa_s": np.array(fabric.membrane),
