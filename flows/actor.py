@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,14 +112,15 @@ def _walk(request: Request, bring: Callable[[Stage, dict[str, Any], dict[str, Ar
         ref = bring(stage, inputs, done)
         if ref is not None:
             done[stage.name] = ref
-        if stage.name == request.until:
+        if stage.name == request.until != "report":
             raise _Reached
         return ref
 
-    try:
+    with suppress(_Reached):
         pipeline(run)
-    except _Reached:
-        pass
+    if request.until != "capture":
+        reached = list(STAGES)[: list(STAGES).index(request.until) + 1]
+        run(STAGES["report"], **{name: done.get(name) for name in reached if name != "report"})
     return done
 
 

@@ -1,6 +1,6 @@
 """The order of the stages, and nothing else. What running a stage means (compute, plan, dispatch) is the caller's business."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 from storage_schemas.reference import ArtifactRef
 from tasks.appearance.stage import appearance
@@ -23,24 +23,13 @@ class Run(Protocol):
     def __call__(self, stage: Stage, **inputs: ArtifactRef | None) -> ArtifactRef | None: ...
 
 
-def pipeline(run: Run) -> Any:
-    """From a recording to an avatar and a report on where its physics differs from the recording."""
+def pipeline(run: Run) -> None:
+    """From a recording to an avatar and to where its physics differs from the recording. The report on whatever was reached comes after."""
     recording = run(capture)
     points = run(keypoints, capture=recording)
     person = run(body, capture=recording, keypoints=points)
     surface = run(tracking, capture=recording, body=person)
     skin = run(skinning, body=person, tracking=surface)
     garments = run(cloth, capture=recording, body=person, tracking=surface, skinning=skin)
-    texture = run(appearance, capture=recording, body=person, tracking=surface)
-    difference = run(gap, capture=recording, tracking=surface, body=person, cloth=garments)
-    return run(
-        report,
-        capture=recording,
-        keypoints=points,
-        body=person,
-        tracking=surface,
-        skinning=skin,
-        cloth=garments,
-        appearance=texture,
-        gap=difference,
-    )
+    run(appearance, capture=recording, body=person, tracking=surface)
+    run(gap, capture=recording, tracking=surface, body=person, cloth=garments)

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict
 
@@ -170,9 +170,15 @@ def stage(name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retr
         writes = hints.pop("return")
         hints.pop("job")
         parameters = hints.pop("parameters")
-        return Stage(name, version, pool, timeout_s, retries, function, dict(hints), writes, parameters)
+        reads = {name: _record_of(hint) for name, hint in hints.items()}
+        return Stage(name, version, pool, timeout_s, retries, function, reads, writes, parameters)
 
     return declare
+
+
+def _record_of(hint: Any) -> type[Record]:
+    """The record class of an input that may be optional."""
+    return next(t for t in (hint, *get_args(hint)) if isinstance(t, type) and issubclass(t, Record))
 
 
 def content_digest(path: Path) -> str:

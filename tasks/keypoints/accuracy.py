@@ -26,13 +26,15 @@ def pck(found: np.ndarray, truth: np.ndarray, counted: np.ndarray, *, within: fl
 
 
 def group_table(found: np.ndarray, truth: np.ndarray, counted: np.ndarray) -> dict[str, dict[str, float]]:
-    """Per group of keypoints: PCK@0.05, PCK@0.1, median error [px], and how many keypoints were counted; [person,133,2] px each."""
+    """Per group of keypoints with any counted: PCK@0.05, PCK@0.1, median error [px], and how many were counted; [person,133,2] px each."""
     error = np.linalg.norm(found - truth, axis=-1)
     table = {}
     for name, points in GROUPS.items():
         part = counted[:, points]
         everywhere = np.zeros_like(counted)
         everywhere[:, points] = part
+        if not part.any():
+            continue
         table[name] = {
             "pck05": pck(found, truth, everywhere, within=0.05),
             "pck10": pck(found, truth, everywhere, within=0.1),

@@ -37,10 +37,12 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class Detections:
-    """uv [camera,133,2] px of the original pictures (centre of the first pixel = 0.5), score [camera,133]; NaN and 0 without a person."""
+    """uv [camera,133,2] px of the original pictures (centre of the first pixel = 0.5), score [camera,133]; NaN and 0 without a person.
+    box [camera,4] px that was looked at in the end."""
 
     uv: np.ndarray
     score: np.ndarray
+    box: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Detector:
                 matrix = crop_matrix(box, self.size)
                 found, score[camera] = self.read_crop(warp(image, matrix, self.size))
                 uv[camera] = map_back(found, matrix)
-        return Detections(uv, score)
+        return Detections(uv, score, boxes)
 
     def read_crop(self, crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Keypoints [133,2] px of the crop and scores [133], the mean of the crop [height,width,3] and its mirror image."""

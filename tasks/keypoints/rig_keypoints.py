@@ -19,7 +19,7 @@ import numpy as np
 
 from tasks.geometry.cameras import Cameras, project, triangulate
 from tasks.keypoints.detector import Detections, Detector
-from tasks.keypoints.person_box import LOW, NOWHERE, box_from_keypoints, box_from_mask, moving_boxes, same_person, temporal_median
+from tasks.keypoints.person_box import LOW, NOWHERE, box_from_keypoints, moving_boxes, same_person, temporal_median
 
 BODY = slice(0, 23)
 CAUCHY_SCALE = 0.02  # of the box's diagonal
@@ -37,25 +37,22 @@ class RigKeypoints:
 
 def follow_masks(detector: Detector, frames: Iterable[tuple[list[np.ndarray], list[np.ndarray]]]) -> RigKeypoints:
     """Keypoints of every frame; `frames` yields (pictures, masks), one of each per camera."""
-    found = []
-    for images, masks in frames:
-        boxes = np.stack([box_from_mask(mask) for mask in masks])
-        found.append((detector.detect(images, boxes=boxes), boxes))
-    return _stacked(found)
+    return _stacked([detector.detect(images, masks=masks) for images, masks in frames])
 
 
 def follow_motion(detector: Detector, cameras: Cameras, frames: Iterable[list[np.ndarray]], boxes: np.ndarray) -> RigKeypoints:
     """Keypoints of every frame without masks, from first boxes [camera,4]; `frames` yields the pictures of all cameras."""
-    found: list[tuple[Detections, np.ndarray]] = []
+    found: list[Detections] = []
     for images in frames:
         detections = detector.detect(images, boxes=boxes, refine=0 if found else 2)
-        mended = agreed_boxes(cameras, detections, boxes)
-        again = np.flatnonzero((mended != boxes).any(1) & np.isfinite(mended).all(1))
+        mended = agreed_boxes(cameras, detections, detections.box)
+        again = np.flatnonzero((mended != detections.box).any(1) & np.isfinite(mended).all(1))
         if len(again):
             second = detector.detect([images[c] for c in again], boxes=mended[again], refine=1)
-            detections.uv[again], detections.score[again] = second.uv, second.score
-        found.append((detections, mended))
-        boxes = next_boxes(cameras, detections, mended)
+            for old, new in zip((detections.uv, detections.score, detections.box), (second.uv, second.score, second.box)):
+                old[again] = new
+        found.append(detections)
+        boxes = next_boxes(cameras, detections, detections.box)
     return _stacked(found)
 
 
@@ -122,5 +119,5 @@ def _common_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> tup
     return common, misfit > DISAGREEMENT * diagonal
 
 
-def _stacked(found: list[tuple[Detections, np.ndarray]]) -> RigKeypoints:
-    return RigKeypoints(*(np.stack(part) for part in zip(*((d.uv, d.score, box) for d, box in found))))
+def _stacked(found: list[Detections]) -> RigKeypoints:
+    return RigKeypoints(*(np.stack([getattr(d, name) for d in found]) for name in ("uv", "score", "box")))

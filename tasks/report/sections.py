@@ -15,10 +15,12 @@ GARMENT_COLOURS = ((255, 150, 60), (90, 170, 255), (170, 230, 90), (240, 110, 19
 
 
 def keypoint_section(
-    images: Sequence[NDArray], keypoints: NDArray, score: NDArray, limbs: Sequence[tuple[int, int]], people: NDArray, cameras: Cameras, detector: str
+    images: Sequence[NDArray], keypoints: NDArray, score: NDArray, limbs: Sequence[tuple[int, int]], people: NDArray | None, cameras: Cameras, detector: str
 ) -> Section:
-    """Overlays of one frame in some cameras; keypoints [camera, 133, 2] px, score [camera, 133], people [n, 3] m to crop to."""
-    drawn = [crop_to(draw_keypoints(i, k, s, limbs), cameras, c, people) for c, (i, k, s) in enumerate(zip(images, keypoints, score))]
+    """Overlays of one frame in some cameras; keypoints [camera, 133, 2] px, score [camera, 133], people [n, 3] m to crop to, if known."""
+    drawn = [draw_keypoints(i, k, s, limbs) for i, k, s in zip(images, keypoints, score)]
+    if people is not None:
+        drawn = [crop_to(picture, cameras, c, people) for c, picture in enumerate(drawn)]
     return Section("Keypoints", [f"Detector: {detector}."], figures=[Figure(data_uri(strip(drawn)), "Points with a score of at least 0.3.")])
 
 

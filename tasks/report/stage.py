@@ -1,6 +1,7 @@
 """The door of the report: one page per sequence from everything the stages found."""
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.appearance.colour import srgb8_from_linear
 from tasks.body.wholebody import LIMBS
+from tasks.geometry.cameras import Cameras
 from tasks.recorded import recorded
 from tasks.report import sections
-from tasks.report.page import page
+from tasks.report.page import Section, page
 from tasks.stage import Job, Parameters, stage
 
 VIEWS = 4  # cameras shown
@@ -35,46 +37,82 @@ class ReportParameters(Parameters):
 def report(
     job: Job,
     capture: Capture,
-    keypoints: Keypoints,
-    body: Body,
-    tracking: Tracking,
-    skinning: Skinning,
-    cloth: Cloth,
-    appearance: Appearance,
-    gap: Gap,
     parameters: ReportParameters,
+    keypoints: Keypoints | None = None,
+    body: Body | None = None,
+    tracking: Tracking | None = None,
+    skinning: Skinning | None = None,
+    cloth: Cloth | None = None,
+    appearance: Appearance | None = None,
+    gap: Gap | None = None,
 ) -> Report:
-    """Draw the last frame of the fit, from cameras spread over the rig."""
-    recording = recorded(capture, job.recording)
-    shown = np.unique(np.linspace(0, len(recording.cameras) - 1, VIEWS).round().astype(int))
-    t = len(cloth.simulated) - 1
-    rig = recording.cameras.subset(shown)
-    images = [recording.read_rgb(camera, t) for camera in shown]
-    part = np.asarray(tracking.part_names)[tracking.part_of_face]
+    """A page on whatever stages were reached, drawn at the last frame they share, from cameras spread over the rig."""
+    view = _View.of(capture, job, len(cloth.simulated) - 1 if cloth else len(capture.frame_numbers) - 1)
     found = [
         *([sections.truth_section(parameters.scores)] if parameters.scores else []),
-        sections.gap_section(
-            images[0], rig, 0, cloth.simulated[t].astype(float), cloth.faces, _rms(gap.residual_mm), gap.tables, capture.fps
-        ),
-        sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings),
-        sections.tracking_section(
-            images, rig, tracking.vertices[t].astype(float), tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
-        ),
-        sections.body_section(
-            images, rig, body.vertices[t].astype(float), body.faces, body.reprojection_px, keypoints.camera_names, body.ending
-        ),
-        sections.keypoint_section(
-            images, keypoints.keypoints[t, shown], keypoints.score[t, shown], LIMBS, body.vertices[t].astype(float), rig, keypoints.detector
-        ),
-        sections.appearance_section(srgb8_from_linear(appearance.albedo), appearance.psnr, appearance.training_frames, capture.camera_names),
+        *([_gap(view, cloth, gap, capture.fps)] if gap else []),
+        *([sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings)] if cloth else []),
+        *([_tracking(view, tracking)] if tracking else []),
+        *([_body(view, body, capture)] if body else []),
+        *([_keypoints(view, keypoints, body)] if keypoints else []),
+        *([_appearance(appearance, capture)] if appearance else []),
         sections.provenance_section(parameters.stages, capture.warnings),
     ]
-    title = f"{job.actor} · {job.sequence}"
     subtitle = f"{len(capture.camera_names)} cameras, {len(capture.frame_numbers)} frames at {capture.fps:g} frames/s"
-    verdict = gap.verdict["verdict"]["sentence"]
-    html = page(title, subtitle, verdict, found)
-    summary = {"verdict": gap.verdict, "fabric": cloth.parameters, "scores": parameters.scores, "endings": cloth.endings}
+    verdict = gap.verdict["verdict"]["sentence"] if gap else "The cloth of this recording was not simulated: no gap to report."
+    html = page(f"{job.actor} · {job.sequence}", subtitle, verdict, found)
+    summary = {
+        "verdict": gap.verdict if gap else None,
+        "fabric": cloth.parameters if cloth else None,
+        "scores": parameters.scores,
+        "endings": cloth.endings if cloth else [],
+    }
     return Report(files={"report.html": html.encode(), "summary.json": json.dumps(summary, indent=1).encode()}, summary=summary)
+
+
+@dataclass(frozen=True)
+class _View:
+    """What the pictures show: frame t in some cameras."""
+
+    t: int
+    shown: np.ndarray
+    rig: Cameras
+    images: list[np.ndarray]
+
+    @classmethod
+    def of(cls, capture: Capture, job: Job, t: int) -> "_View":
+        recording = recorded(capture, job.recording)
+        shown = np.unique(np.linspace(0, len(recording.cameras) - 1, VIEWS).round().astype(int))
+        return cls(t, shown, recording.cameras.subset(shown), [recording.read_rgb(int(camera), t) for camera in shown])
+
+
+def _gap(view: _View, cloth: Cloth, gap: Gap, fps: float) -> Section:
+    x = cloth.simulated[view.t].astype(float)
+    return sections.gap_section(view.images[0], view.rig, 0, x, cloth.faces, _rms(gap.residual_mm), gap.tables, fps)
+
+
+def _tracking(view: _View, tracking: Tracking) -> Section:
+    part = np.asarray(tracking.part_names)[tracking.part_of_face]
+    x = tracking.vertices[view.t].astype(float)
+    return sections.tracking_section(
+        view.images, view.rig, x, tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
+    )
+
+
+def _body(view: _View, body: Body, capture: Capture) -> Section:
+    x = body.vertices[view.t].astype(float)
+    return sections.body_section(view.images, view.rig, x, body.faces, body.reprojection_px, capture.camera_names, body.ending)
+
+
+def _keypoints(view: _View, keypoints: Keypoints, body: Body | None) -> Section:
+    uv, score = keypoints.keypoints[view.t, view.shown], keypoints.score[view.t, view.shown]
+    person = None if body is None else body.vertices[view.t].astype(float)
+    return sections.keypoint_section(view.images, uv, score, LIMBS, person, view.rig, keypoints.detector)
+
+
+def _appearance(appearance: Appearance, capture: Capture) -> Section:
+    texture = srgb8_from_linear(appearance.albedo)
+    return sections.appearance_section(texture, appearance.psnr, appearance.training_frames, capture.camera_names)
 
 
 def _rms(residual_mm: np.ndarray) -> np.ndarray:

@@ -81,12 +81,13 @@ class Problem:
 
     def factorise(self, x: Array, step: Step, convexity: "Convexity") -> tuple[Factor, list[Blocks | csc_matrix]]:
         """Factor of the least convex mixture that has one, and the Hessians (the exact ones if they alone did)."""
-        exact = self.hessians(x, step, convex=False)
-        A, B, neighbours = self.system.assemble(exact), None, exact
+        neighbours = self.hessians(x, step, convex=True) if convexity.share else None
+        exact = self._exact(x, step, neighbours)
+        A, B = self.system.assemble(exact), None
         while True:
             λ = convexity.share
             if λ and B is None:
-                neighbours = self.hessians(x, step, convex=True)
+                neighbours = neighbours or self.hessians(x, step, convex=True)
                 B = self.system.assemble(neighbours)
                 if B.nnz != A.nnz:  # contact asked for more blocks
                     A = self.system.assemble(exact)
@@ -98,7 +99,14 @@ class Problem:
                 convexity.raise_()
             else:
                 convexity.lower()
-                return factor, neighbours if λ else exact
+                return factor, (neighbours or exact) if λ else exact
+
+    def _exact(self, x: Array, step: Step, neighbours: list[Blocks | csc_matrix] | None) -> list[Blocks | csc_matrix]:
+        """Exact Hessians, but contact as in `neighbours` if there are any: its eigenvalues are costly and its curvature hardly negative."""
+        if neighbours is None:
+            return self.hessians(x, step, convex=False)
+        pairs = zip(self.potentials, neighbours, strict=True)
+        return [p.hessian(x, step, convex=False) if isinstance(n, Blocks) else n for p, n in pairs]
 
 
 def _mixture(A: csc_matrix, B: csc_matrix | None, λ: float) -> csc_matrix:

@@ -7,6 +7,7 @@ import torch
 
 from tasks.keypoints.network import FINE, INPUT_SIZE, SimccNet, WholeBodyNet, heatmap_targets, spatial_cross_entropy
 from tasks.keypoints.onnx_file import write_onnx
+from tasks.keypoints.simcc import decode
 
 torch.set_num_threads(1)
 
@@ -40,6 +41,27 @@ def test_cross_entropy_vanishes_for_the_target_itself_and_for_absent_points_in_t
     outside = torch.tensor([[[-4.0, 120.0]]])
     assert spatial_cross_entropy(absent, outside, INPUT_SIZE, head=0).item() == pytest.approx(0, abs=1e-3)
     assert spatial_cross_entropy(absent, keypoint, INPUT_SIZE, head=0).item() > 10
+
+
+class Known(torch.nn.Module):
+    """Says with certainty where 133 points are."""
+
+    def __init__(self, keypoints: torch.Tensor):
+        super().__init__()
+        heads = ((keypoints[:FINE], 4, 5.0), (keypoints[FINE:], 8, 6.0))
+        self.logits = [
+            torch.stack([dense_target(k, stride=stride, σ=σ) for k in part])[None].clamp_min(1e-12).log() for part, stride, σ in heads
+        ]
+
+    def forward(self, image):
+        return tuple(self.logits)
+
+
+def test_what_is_exported_says_where_the_heatmaps_peak():
+    keypoints = torch.rand(133, 2, generator=torch.Generator().manual_seed(3)) * torch.tensor([150.0, 210.0]) + 20
+    uv, score = decode(*(s[0].numpy() for s in SimccNet(Known(keypoints))(None)))
+    np.testing.assert_allclose(uv, keypoints, atol=0.25)
+    assert score.min() > 0.9
 
 
 def test_targets_sum_to_one():

@@ -7,6 +7,7 @@ import pytest
 
 from tasks.geometry.cameras import Cameras, project
 from tasks.keypoints.detector import Detections
+from tasks.keypoints.person_box import box_from_mask
 from tasks.keypoints.rig_keypoints import agreed_points, follow_masks, follow_motion
 from tests.keypoints.test_person_box import rig  # noqa: F401
 
@@ -25,14 +26,15 @@ class InBox:
     figures: np.ndarray  # [figure, frame, camera, 133, 2] px
 
     def detect(self, images, *, masks=None, boxes=None, refine=0):
+        boxes = np.array([box_from_mask(mask) for mask in masks]) if boxes is None else boxes.copy()
         uv = np.full((len(images), 133, 2), np.nan)
-        for k, (image, box) in enumerate(zip(images, boxes if boxes is not None else masks)):
+        for k, (image, box) in enumerate(zip(images, boxes)):
             frame, camera, _ = image.ravel()
             if np.isfinite(box).all():
                 middle = self.figures[:, frame, camera].mean(1)
                 nearest = np.linalg.norm(middle - (box[:2] + box[2:]) / 2, axis=1).argmin()
                 uv[k] = self.figures[nearest, frame, camera]
-        return Detections(uv, np.where(np.isfinite(uv).all(-1), 0.9, 0.0))
+        return Detections(uv, np.where(np.isfinite(uv).all(-1), 0.9, 0.0), boxes)
 
 
 @pytest.fixture
