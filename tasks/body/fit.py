@@ -27,7 +27,6 @@ from tasks.geometry.faults import Fault, refuse
 
 SHAPE_FRAMES = 5
 SUPPLEMENT = FitWeights()
-LOST = 0.02  # of the image's long side: median error from which a frame is fitted again from its own triangulated points
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def _fit_frame(objective: Objective, sight: Sight, z: Array, afresh: Callable[[]
     if not sight.trust.any():
         return Minimum(z, 0.0, 0, False, "nothing was seen: pose of the frame before")
     best = _descend(objective, sight, z)
-    if sight.median_error(objective.points(best.z)) > LOST:
+    if not best.converged:  # after a jump the way from the frame before is long and may lead elsewhere
         best = min(best, _descend(objective, sight, afresh()), key=lambda minimum: minimum.energy)
     return best
 

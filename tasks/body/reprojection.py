@@ -51,10 +51,6 @@ class Sight:
         Ja = J * a[..., None, None]
         return float((self.trust * near * _distance(e)).sum()), np.einsum("cqxi,cqx->qi", Ja, r), np.einsum("cqxi,cqxj->qij", Ja, J)
 
-    def median_error(self, p: Array) -> float:
-        """Median distance of the points p [q,3] m from where they were detected, as a share of the image's long side."""
-        return float(np.median(self._errors(p)[0][self.trust > 0])) / WORKING_SIZE
-
     def _errors(self, p: Array) -> tuple[Array, Array, Array]:
         """e [camera,q] and residuals [camera,q,2] in working px, and whether the point lies before the camera [camera,q]."""
         x = self._in_camera(p)

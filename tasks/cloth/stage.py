@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,12 +27,13 @@ from tasks.stage import Job, Parameters, stage
 
 
 class ClothParameters(Parameters):
-    """Start values in the seed's units (ρ kg/m³, κ_s, κ_b), and how the fit is computed."""
+    """Start values in the seed's units (ρ kg/m³, κ_s, κ_b), what drives the boundary nodes, and how the fit is computed."""
 
     density: float = 320.0
     membrane: float = 4.0
     bending: float = 60.0
     friction: float = 0.2
+    boundary: Literal["tracked", "skinned"] = "tracked"
     iterations: int = 4
     substeps: int = 4
     frames: int = 24
@@ -70,8 +71,10 @@ def _scene(garment: Garment, capture: Capture, body: Body, skinning: Skinning, p
     frames = slice(0, parameters.frames + 1)
     observed, person = garment.observed[frames], body.vertices[frames].astype(float)
     fastening = fastened_nodes(observed, garment.faces, person, body.faces)
-    own = garment.index[fastening.nodes]
-    driven = repose(skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float))
+    driven = observed[:, fastening.nodes]
+    if parameters.boundary == "skinned":
+        own = garment.index[fastening.nodes]
+        driven = repose(skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float))
     collider = fitted_collider(person, body.faces, observed, garment.faces)
     x0 = observed[0]
     return Scene(
