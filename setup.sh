@@ -7,6 +7,8 @@ venv=$1
 system_packages() {   # what is missing, by Debian name
     ldconfig -p | grep -qE 'libLLVM[-.](so\.)?1[6-9]|libLLVM[-.](so\.)?2[0-9]' || echo libllvm19
     [ -e /usr/include/suitesparse/cholmod.h ] || echo libsuitesparse-dev
+    # CHOLMOD's supernodes run on whatever libblas.so.3 is: the reference BLAS factorises a garment 2.7 times slower
+    ldconfig -p | grep -q libopenblas || echo libopenblas0-serial
     command -v gcc >/dev/null || echo gcc
     [ -e "$(python3.11 -c 'import sysconfig; print(sysconfig.get_path("include"))' 2>/dev/null)/Python.h" ] || echo python3.11-dev
     python3.11 -c 'import ensurepip, venv' 2>/dev/null || echo python3.11-venv

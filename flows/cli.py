@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,8 +20,12 @@ from rich.table import Table
 
 from flows.endings import CANCELLED, OK, STAGE_FAILED, Refused, ending_of
 
+# One BLAS thread per process: garments, cameras and candidates run side by side instead, and sums come out in one order.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 OUT, ERR = Console(), Console(stderr=True)
-app = App(name="physavatar", help="From many-camera recordings of dressed actors to avatars whose clothes obey physics.", version_flags=["--version"])
+app = App(name="physavatar", help="From many-camera recordings of dressed actors to avatars whose clothes obey physics.", version=lambda: version("physavatar"))
 config = App(name="config", help="What is set, and from where.")
 app.command(config)
 app.command("flows.cli_artifacts:app", name="artifacts", help="Look into the store: ls, show, verify, gc.")

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 CLEARANCE = 2.5e-3  # [m] more than the barrier distance
+FASTENED_CLEARANCE = 6e-3  # [m] at driven nodes: neither they nor the body can give way, so nothing may come between them
 REACH = 0.25  # [m] body farther from the garment than this in all frames is left out
+DEEPEST = 0.03  # [m] a body that would have to give way further is not there: its faces are left out
 ROUNDS = 30
 FACES = 2400  # contact costs grow with both meshes: triangles no finer than the cloth's
 
@@ -31,24 +33,27 @@ class FittedCollider:
     drawn_in: Array
 
 
-def fitted_collider(body: Array, body_faces: Faces, garment: Array, garment_faces: Faces) -> FittedCollider:
-    """The collider for a garment [T, V, 3] m on a body [T, C, 3] m; clear of the tracked garment in every frame."""
+def fitted_collider(body: Array, body_faces: Faces, garment: Array, garment_faces: Faces, *, fastened: Faces) -> FittedCollider:
+    """The collider for a garment [T, V, 3] m, driven at the nodes `fastened` [B], on a body [T, C, 3] m; clear of the tracked garment in every frame."""
     motion, faces = _decimated(*_near(*_skin(body, body_faces), garment))
     depth = np.zeros(motion.shape[1])
     normals = np.stack([vertex_normals(x, faces) for x in motion])
     e = edges(faces)
+    driven = np.isin(np.arange(garment.shape[1]), fastened).astype(float)[:, None]
+    clearance = np.where(_samples(driven, garment_faces)[:, 0] > 0, FASTENED_CLEARANCE, CLEARANCE)
     for t in range(len(motion)):
-        depth = _cleared(_samples(garment[t], garment_faces), motion[t], normals[t], faces, e, depth)
-    return FittedCollider(motion - depth[None, :, None] * normals, faces, depth)
+        depth = _cleared(_samples(garment[t], garment_faces), clearance, motion[t], normals[t], faces, e, depth)
+    own, kept = submesh(faces, depth < DEEPEST)
+    return FittedCollider((motion - depth[None, :, None] * normals)[:, kept], own, depth[kept])
 
 
-def _cleared(samples: Array, body: Array, normals: Array, faces: Faces, e: Faces, depth: Array) -> Array:
+def _cleared(samples: Array, clearance: Array, body: Array, normals: Array, faces: Faces, e: Faces, depth: Array) -> Array:
     """`depth` [C] increased until the samples [n, 3] m of one frame are clear."""
     for _ in range(ROUNDS):
-        missing = _missing(samples, body - depth[:, None] * normals, faces)
+        missing = _missing(samples, clearance, body - depth[:, None] * normals, faces)
         if missing.max() <= 0:
             break
-        depth = depth + _spread(missing, e)
+        depth = np.minimum(depth + _spread(missing, e), DEEPEST)
     return depth
 
 
@@ -85,13 +90,13 @@ def _samples(x: Array, faces: Faces) -> Array:
     return np.concatenate([x, x[faces].mean(1), x[e].mean(1)])
 
 
-def _missing(samples: Array, collider: Array, faces: Faces) -> Array:
+def _missing(samples: Array, clearance: Array, collider: Array, faces: Faces) -> Array:
     """How much deeper each collider vertex must lie [C] m for the samples to be clear of it."""
     near = closest_points(samples, collider, faces)
     n = vertex_normals(collider, faces)
     outward = np.einsum("pk,pkc->pc", near.barycentric, n[faces[near.face]])
     side = np.sign(np.sum((samples - near.point) * outward, 1))
-    lack = CLEARANCE - side * near.distance
+    lack = clearance - side * near.distance
     close = (lack > 0) & (near.distance < 0.05)  # 50 mm inside is another limb's cloth, not a fit error
     missing = np.zeros(len(collider))
     np.maximum.at(missing, faces[near.face[close]], lack[close][:, None] * 1.05)

@@ -36,8 +36,8 @@ def estimates(scene: Scene, fit: Fit) -> dict[str, dict[str, Any]]:
 
 
 def bending_length(fabric: Fabric) -> float:
-    """(B/(ρ̄ g))^⅓ [m]: how far the cloth stands out under its own weight, B the plate's rigidity 2k."""
-    return float((2 * fabric.hinge_constant / (fabric.areal_density * GRAVITY)) ** (1 / 3))
+    """(B/(ρ̄ g))^⅓ [m]: how far the cloth stands out under its own weight, B the rigidity of the hinged sheet."""
+    return float((fabric.bending_rigidity / (fabric.areal_density * GRAVITY)) ** (1 / 3))
 
 
 def mean_edge(x: NDArray[np.float64], faces: NDArray[np.int32]) -> float:

@@ -18,6 +18,7 @@ from tasks.cloth.collider import fitted_collider
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments
 from tasks.cloth.gauss_newton import Fit, Progress, fit
+from tasks.cloth.rest_shape import pattern
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
 from tasks.geometry.faults import BadInput, Fault
@@ -27,13 +28,15 @@ from tasks.stage import Job, Parameters, stage
 
 
 class ClothParameters(Parameters):
-    """Start values in the seed's units (ρ kg/m³, κ_s, κ_b), what drives the boundary nodes, and how the fit is computed."""
+    """Start values in the seed's units (ρ kg/m³, κ_s, κ_b), what drives the boundary nodes, the rest shape (`pattern` where
+    the atlas is one, else as worn), and how the fit is computed."""
 
     density: float = 320.0
     membrane: float = 4.0
     bending: float = 60.0
     friction: float = 0.2
     boundary: Literal["tracked", "skinned"] = "tracked"
+    rest: Literal["pattern", "worn"] = "pattern"
     iterations: int = 4
     substeps: int = 4
     frames: int = 24
@@ -46,7 +49,7 @@ def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: 
     worn = _garments(tracking)
     if not worn:
         raise BadInput([Fault("template", "it has no part but 'body'", "Group the garments' faces by name (g skirt, g top …) in the template.")])
-    scenes = [_scene(garment, capture, body, skinning, parameters) for garment in worn]
+    scenes = [_scene(garment, capture, body, tracking, skinning, parameters) for garment in worn]
     arguments = [(scene, parameters, str(job.checkpoint / f"{g.name}.json")) for g, scene in zip(worn, scenes)]
     told = [0.0] * len(worn)
 
@@ -67,7 +70,9 @@ def _garments(tracking: Tracking) -> list[Garment]:
     return garments(vertices, tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
 
 
-def _scene(garment: Garment, capture: Capture, body: Body, skinning: Skinning, parameters: ClothParameters) -> Scene:
+def _scene(
+    garment: Garment, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
+) -> Scene:
     frames = slice(0, parameters.frames + 1)
     observed, person = garment.observed[frames], body.vertices[frames].astype(float)
     fastening = fastened_nodes(observed, garment.faces, person, body.faces)
@@ -75,10 +80,11 @@ def _scene(garment: Garment, capture: Capture, body: Body, skinning: Skinning, p
     if parameters.boundary == "skinned":
         own = garment.index[fastening.nodes]
         driven = repose(skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float))
-    collider = fitted_collider(person, body.faces, observed, garment.faces)
+    collider = fitted_collider(person, body.faces, observed, garment.faces, fastened=fastening.nodes)
     x0 = observed[0]
+    uv = pattern(x0, garment.faces, tracking.uv_vertices.astype(float), garment.uv_faces) if parameters.rest == "pattern" else None
     return Scene(
-        cloth=Cloth(x0, garment.faces, fastening.nodes),
+        cloth=Cloth(x0, garment.faces, fastening.nodes, uv=uv, rest_angles="worn" if uv is None else "flat"),
         collider=Collider(collider.faces),
         collider_motion=collider.motion,
         boundary_motion=driven + (x0[fastening.nodes] - driven[0]),

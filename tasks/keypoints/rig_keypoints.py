@@ -52,7 +52,7 @@ def follow_motion(detector: Detector, cameras: Cameras, frames: Iterable[list[np
             for old, new in zip((detections.uv, detections.score, detections.box), (second.uv, second.score, second.box)):
                 old[again] = new
         found.append(detections)
-        boxes = next_boxes(cameras, detections, detections.box)
+        boxes = next_boxes(cameras, detections)
     return _stacked(found)
 
 
@@ -89,34 +89,39 @@ def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale:
     return x, residual
 
 
-def next_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
+def next_boxes(cameras: Cameras, found: Detections) -> np.ndarray:
     """Where to look in the next frame [camera,4]: around a view's own body keypoints and around where the views together see them.
 
-    A limb that one view has lost, at the edge of its box, say, comes back by the others.
+    A limb that one view has lost, at the edge of its box, say, comes back by the others; a keypoint that the others contradict does not
+    pull the box away.
     """
-    own = np.stack([box_from_keypoints(uv, score, fallback=box) for uv, score, box in zip(found.uv, found.score, boxes)])
-    common, _ = _common_boxes(cameras, found, own)
+    common, misfit, limit = _common_boxes(cameras, found, found.box)
+    score = found.score.copy()
+    score[:, BODY][misfit > limit] = 0.0
+    own = np.stack([box_from_keypoints(uv, s, fallback=box) for uv, s, box in zip(found.uv, score, found.box)])
     both = np.concatenate([np.minimum(own[:, :2], common[:, :2]), np.maximum(own[:, 2:], common[:, 2:])], axis=1)
     return np.where(np.isfinite(common), np.clip(both, 0, np.tile(cameras.size, 2)), own)
 
 
 def agreed_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> np.ndarray:
     """`boxes` [camera,4], with those replaced whose body keypoints disagree with what the other views say, or that are NaN."""
-    common, disagrees = _common_boxes(cameras, found, boxes)
+    common, misfit, limit = _common_boxes(cameras, found, boxes)
+    missing = ~np.isfinite(found.uv[:, BODY]).all((1, 2))
+    disagrees = np.array([(far[~np.isnan(far)] > limit).mean() > 0.5 if not np.isnan(far).all() else False for far in misfit]) | missing
     return np.where((disagrees & np.isfinite(common).all(1))[:, None], common, boxes)
 
 
-def _common_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes [camera,4] around the body keypoints on which views agree, NaN when there are few; and which views disagree [camera]."""
+def _common_boxes(cameras: Cameras, found: Detections, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Boxes [camera,4] around the body keypoints on which views agree, NaN when there are few; how far each view is from these keypoints
+    [camera,point] px, NaN where there is no agreement; and how far is too far [px]."""
     diagonal = np.nanmedian(np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1))
     uv, score = found.uv[:, BODY], found.score[:, BODY]
     x, residual = agreed_points(cameras, uv, score, scale=CAUCHY_SCALE * diagonal)
     agree = np.isfinite(residual) & (residual < 2 * CAUCHY_SCALE * diagonal) & (score > LOW)
     trusted = agree.sum(0) >= min(3, len(cameras))  # two views always nearly agree
-    misfit = np.array([np.median(r[trusted]) if np.isfinite(r[trusted]).all() and trusted.any() else np.inf for r in residual])
     seen, _ = project(cameras, x)
     common = np.stack([box_from_keypoints(p, trusted.astype(float), fallback=NOWHERE) for p in seen])
-    return common, misfit > DISAGREEMENT * diagonal
+    return common, np.where(trusted, residual, np.nan), DISAGREEMENT * diagonal
 
 
 def _stacked(found: list[Detections]) -> RigKeypoints:

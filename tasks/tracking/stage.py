@@ -86,8 +86,13 @@ def _carried(template: Template, body: Body) -> np.ndarray:
 
 def _keep(folder: Path, found: TrackedFrame, state: State) -> None:
     aside = folder / f".{found.frame:06d}.npz"
-    np.savez(aside, **{k: v for k, v in vars(found).items() if k != "ending"}, ending=np.array(found.ending), before=state.before,
-    last=state.last)
+    np.savez(
+        aside,
+        **{k: v for k, v in vars(found).items() if k != "ending"},
+        ending=np.array(found.ending),
+        before=state.before,
+        last=state.last,
+    )
     aside.replace(folder / f"frame{found.frame:06d}.npz")
 
 

@@ -1,4 +1,4 @@
-"""The figures of tasks/keypoints/README.md: `python -m tests.keypoints.figures [people]`. Held-out renders, then real video where present."""
+"""The figures of tasks/keypoints/README.md, printed by `python -m tests.keypoints.figures [people]`: held-out renders, then real video."""
 
 import os
 import sys

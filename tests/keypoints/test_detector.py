@@ -15,7 +15,8 @@ from tasks.keypoints.crop import crop_matrix, map_back
 from tasks.keypoints.detector import BUNDLED, Detector
 
 PEOPLE = 24
-BODY_PCK10, FEET_PCK10, BODY_MEDIAN_PX = 0.5, 0.5, 10.0
+# four draws of 24 people gave 0.885-0.904, 0.82-0.96 and 3.4-4.3 px
+BODY_PCK10, FEET_PCK10, BODY_MEDIAN_PX = 0.8, 0.72, 6.0
 
 
 def stub(path: Path, simcc_x: np.ndarray, simcc_y: np.ndarray, *, size: tuple[int, int], batch: str | int = "batch") -> Path:
