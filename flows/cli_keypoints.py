@@ -10,27 +10,24 @@ app = App(name="keypoints", help="The keypoint detector: train.")
 
 
 @app.command
-def train(out: Path, *, pictures: Path = Path("keypoint_pictures"), shards: int = 60, minutes: float = 60.0, seed: int = 0, resume: Path | None = None) -> int:
+def train(out: Path, *, folder: Path = Path("keypoint_pictures"), images: int = 5000, minutes: float = 60.0, seed: int = 0) -> int:
     """Render random people, then train on them for some minutes and write an ONNX model.
 
     Parameters
     ----------
     out: The model to write.
-    pictures: Folder of rendered training pictures; what is missing is rendered first.
-    shards: How many files of pictures.
+    folder: Rendered training pictures; what is missing is rendered first.
+    images: How many pictures.
     minutes: Wall-clock time of the training.
     seed: Of pictures and weights.
-    resume: A checkpoint (.pt) to start from.
     """
     from tasks.body.model import BodyModel
     from tasks.body.stage import demo_body
-    from tasks.body.wholebody import FLIP
-    from tasks.keypoints.pictures import write_shards
-    from tasks.keypoints.renders import Studio
-    from tasks.keypoints.train import train as fit
+    from tasks.keypoints.training_run import train_detector
 
-    studio = Studio(BodyModel.load(demo_body()), shapes=10, expressions=10)
-    write_shards(studio, pictures, range(shards), seed=seed)
-    written = fit(out, pictures, FLIP, minutes=minutes, seed=seed, resume=resume, report=lambda row: sys.stderr.write(f"{row}\n"))
+    def report(row: object) -> None:
+        sys.stderr.write(f"{row}\n")
+
+    written = train_detector(BodyModel.load(demo_body()), out, folder=folder, images=images, minutes=minutes, seed=seed, report=report)
     sys.stdout.write(json.dumps(str(written)) + "\n")
     return 0
