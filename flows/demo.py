@@ -63,7 +63,7 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
         garment=of,
         fabric=cloth.parameters,
         true_fabric={
-            name: {"kappa_s_over_rho": float(f["membrane"] / f["density"]), "kappa_b_over_rho": float(f["bending"] / f["density"])}
+            name: {"kappa_s_over_rho": float(f["kappa_s"] / f["density"]), "kappa_b_over_rho": float(f["kappa_b"] / f["density"])}
             for name, f in fabrics.items()
         },
         psnr=appearance.psnr,
