@@ -1,0 +1,1 @@
+"""Order and policy: which stage follows which."""

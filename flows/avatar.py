@@ -109,7 +109,9 @@ def _ply(avatar: Avatar, folder: Path) -> list[Path]:
 def _obj(avatar: Avatar, folder: Path) -> list[Path]:
     x, tracking, _ = avatar.motion()
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
-    return write_obj_frames(folder / "obj", "avatar", x, tracking.faces, uv_vertices=tracking.uv_vertices, uv_faces=tracking.uv_faces, part=part)
+    return write_obj_frames(
+        folder / "obj", "avatar", x, tracking.faces, uv_vertices=tracking.uv_vertices, uv_faces=tracking.uv_faces, part=part
+    )
 
 
 def _mp4(avatar: Avatar, folder: Path) -> list[Path]:

@@ -25,7 +25,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 OUT, ERR = Console(), Console(stderr=True)
-app = App(name="physavatar", help="From many-camera recordings of dressed actors to avatars whose clothes obey physics.", version=lambda: version("physavatar"))
+app = App(
+    name="physavatar",
+    help="From many-camera recordings of dressed actors to avatars whose clothes obey physics.",
+    version=lambda: version("physavatar"),
+)
 config = App(name="config", help="What is set, and from where.")
 app.command(config)
 app.command("flows.cli_artifacts:app", name="artifacts", help="Look into the store: ls, show, verify, gc.")
@@ -89,7 +93,16 @@ def demo(*, set_: Set = (), store: StoreFolder = None, json_: Json = False) -> i
 
 
 @app.command
-def plan(actor: str, *, sequence: str | None = None, until: str = "report", explain: bool = False, set_: Set = (), store: StoreFolder = None, json_: Json = False) -> int:
+def plan(
+    actor: str,
+    *,
+    sequence: str | None = None,
+    until: str = "report",
+    explain: bool = False,
+    set_: Set = (),
+    store: StoreFolder = None,
+    json_: Json = False,
+) -> int:
     """What `submit` would compute and what it would take from the store; --explain says which key field changed."""
     from flows.actor import plan_actor
     from flows.submission import Submission
@@ -104,7 +117,15 @@ def plan(actor: str, *, sequence: str | None = None, until: str = "report", expl
 
 
 @app.command
-def rerun(actor: str, *, from_: Annotated[str, Parameter(name="--from")], sequence: str | None = None, set_: Set = (), store: StoreFolder = None, json_: Json = False) -> int:
+def rerun(
+    actor: str,
+    *,
+    from_: Annotated[str, Parameter(name="--from")],
+    sequence: str | None = None,
+    set_: Set = (),
+    store: StoreFolder = None,
+    json_: Json = False,
+) -> int:
     """Compute a stage and all after it anew, with changed parameters if given; artifacts of the old parameters stay."""
     from flows.submission import Submission
 
@@ -160,12 +181,20 @@ def stages(*, json_: Json = False) -> int:
     from flows.pipeline import STAGES
 
     rows = [
-        {"stage": s.name, "version": s.version, "pool": s.pool, "reads": list(s.reads), "parameters": {n: str(f.default) for n, f in s.parameters.model_fields.items()}}
+        {
+            "stage": s.name,
+            "version": s.version,
+            "pool": s.pool,
+            "reads": list(s.reads),
+            "parameters": {n: str(f.default) for n, f in s.parameters.model_fields.items()},
+        }
         for s in STAGES.values()
     ]
     if json_:
         return _print_json(rows)
-    _print_table(["stage", "version", "pool", "reads", "parameters"], [[str(r[c]) if c != "reads" else ", ".join(r[c]) for c in r] for r in rows])
+    _print_table(
+        ["stage", "version", "pool", "reads", "parameters"], [[str(r[c]) if c != "reads" else ", ".join(r[c]) for c in r] for r in rows]
+    )
     return OK
 
 
@@ -178,7 +207,9 @@ def doctor(*, store: StoreFolder = None, json_: Json = False) -> int:
     if json_:
         _print_json([vars(f) for f in findings])
     else:
-        _print_table(["check", "ok", "found", "remedy"], [[f.check, "yes" if f.ok else "NO", f.found, "" if f.ok else f.remedy] for f in findings])
+        _print_table(
+            ["check", "ok", "found", "remedy"], [[f.check, "yes" if f.ok else "NO", f.found, "" if f.ok else f.remedy] for f in findings]
+        )
     return OK if all(f.ok for f in findings) else STAGE_FAILED
 
 
@@ -200,7 +231,9 @@ def _store_root(store: Path | None) -> Path:
 
 
 def _in_background(arguments: list[str]) -> int:
-    child = subprocess.Popen([sys.executable, "-m", "flows", *arguments], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    child = subprocess.Popen(
+        [sys.executable, "-m", "flows", *arguments], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     ERR.print(f"running in the background as process {child.pid}; see `physavatar status`")
     return OK
 

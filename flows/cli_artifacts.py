@@ -42,7 +42,9 @@ def show(key: str, *, store: Root = None) -> int:
     if len(found) != 1:
         raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
     folder = opened.folder(found[0])
-    return _print({name: json.loads((folder / f"{name}.json").read_text()) for name in ("manifest", "provenance")} | {"folder": str(folder)})
+    return _print(
+        {name: json.loads((folder / f"{name}.json").read_text()) for name in ("manifest", "provenance")} | {"folder": str(folder)}
+    )
 
 
 @app.command

@@ -20,7 +20,9 @@ def check(folder: Path, *, scale: str | None = None, deep: bool = False) -> int:
     from tasks.capture.actorshq import read_actorshq
 
     recording = read_actorshq(folder, scale=scale, deep=deep)
-    return _print({"cameras": len(recording.cameras), "frames": len(recording.frames), "fps": recording.fps, "warnings": recording.warnings})
+    return _print(
+        {"cameras": len(recording.cameras), "frames": len(recording.frames), "fps": recording.fps, "warnings": recording.warnings}
+    )
 
 
 @app.command

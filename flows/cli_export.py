@@ -39,7 +39,9 @@ def export(
     if json_:
         sys.stdout.write(json.dumps([str(path) for path in written]) + "\n")
     else:
-        sys.stdout.write("\n".join(str(path) for path in written[:20]) + (f"\n… {len(written)} files in all" if len(written) > 20 else "") + "\n")
+        sys.stdout.write(
+            "\n".join(str(path) for path in written[:20]) + (f"\n… {len(written)} files in all" if len(written) > 20 else "") + "\n"
+        )
     return OK
 
 

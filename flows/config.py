@@ -1,11 +1,11 @@
 """What a user can set: physavatar.toml < environment (PHYSAVATAR_…, `__` between levels) < flags. Unknown names are refused with the nearest one.
 
-    store = "artifacts"                      # where results go
-    data = "data"                            # where recordings lie: <data>/<actor>/<sequence>
-    [body]
-    model = "/models/SMPLX_NEUTRAL.npz"      # instead of the demo body
-    [keypoints]
-    model = "/models/dw-ll_ucoco_384.onnx"   # instead of the bundled detector
+store = "artifacts"                      # where results go
+data = "data"                            # where recordings lie: <data>/<actor>/<sequence>
+[body]
+model = "/models/SMPLX_NEUTRAL.npz"      # instead of the demo body
+[keypoints]
+model = "/models/dw-ll_ucoco_384.onnx"   # instead of the bundled detector
 """
 
 import difflib
@@ -94,9 +94,13 @@ def _value(text: str) -> Any:
 def _explain(file: str, problem: Any) -> Fault:
     path = ".".join(str(p) for p in problem["loc"])
     if problem["type"] != "extra_forbidden":
-        return Fault(f"setting {path}", f"{problem['msg']} (got {problem['input']!r})", f"Correct it in {file}, the environment or the flag.")
+        return Fault(
+            f"setting {path}", f"{problem['msg']} (got {problem['input']!r})", f"Correct it in {file}, the environment or the flag."
+        )
     *tables, name = problem["loc"]
     table = Settings.model_fields[str(tables[0])].annotation if tables else Settings
     known = list(table.model_fields)
     near = difflib.get_close_matches(str(name), known, 1)
-    return Fault(f"setting {path}", "there is no such setting", f"Did you mean '{near[0]}'?" if near else f"Known here: {', '.join(known)}.")
+    return Fault(
+        f"setting {path}", "there is no such setting", f"Did you mean '{near[0]}'?" if near else f"Known here: {', '.join(known)}."
+    )

@@ -24,7 +24,9 @@ def ending_of(error: BaseException) -> tuple[int, str]:
             return BAD_INPUT, f"disk full: {error}"
         case BadInput() | StoreFault():
             faults = error.faults
-            return BAD_INPUT, "\n".join([f"{len(faults)} fault{'s' * (len(faults) != 1)} in the input:", *(f"  {fault}" for fault in faults)])
+            return BAD_INPUT, "\n".join(
+                [f"{len(faults)} fault{'s' * (len(faults) != 1)} in the input:", *(f"  {fault}" for fault in faults)]
+            )
         case Refused():
             return BAD_INPUT, str(error)
     name = type(error).__name__

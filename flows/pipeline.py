@@ -20,7 +20,9 @@ STAGES: dict[str, Stage] = {s.name: s for s in (capture, keypoints, body, tracki
 class Run(Protocol):
     """Brings one stage about and returns the reference of its artifact, or None while that cannot be known yet."""
 
-    def __call__(self, stage: Stage, **inputs: ArtifactRef | None) -> ArtifactRef | None: ...
+    def __call__(self, stage: Stage, **inputs: ArtifactRef | None) -> ArtifactRef | None:
+        """The artifact of `stage` from these inputs."""
+        ...
 
 
 def pipeline(run: Run) -> None:

@@ -36,7 +36,9 @@ def _detector(settings: Any) -> None:
     if settings.keypoints.file is None:
         Detector.load(Path(settings.keypoints.model))
     elif not Path(settings.keypoints.file).exists():
-        raise BadInput([Fault(str(settings.keypoints.file), "no such file or folder", "Point keypoints.file at detections, or leave it empty.")])
+        raise BadInput(
+            [Fault(str(settings.keypoints.file), "no such file or folder", "Point keypoints.file at detections, or leave it empty.")]
+        )
 
 
 def _body_model(settings: Any) -> None:

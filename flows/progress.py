@@ -12,7 +12,14 @@ from flows.runs import RunRecord
 @contextmanager
 def bars(record: RunRecord, console: Console) -> Iterator[None]:
     """Show the record as it changes; on a terminal as bars, elsewhere one line per ended stage."""
-    columns = (TextColumn("{task.description:<10}"), BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), TimeRemainingColumn(), TextColumn("{task.fields[text]}"))
+    columns = (
+        TextColumn("{task.description:<10}"),
+        BarColumn(24),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[text]}"),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         rows: dict[str, int] = {}
         told: set[str] = set()

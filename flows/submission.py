@@ -16,8 +16,7 @@ from flows.pipeline import STAGES
 from flows.preflight import preflight
 from flows.progress import bars
 from flows.runs import RunRecord
-from storage_schemas.reference import validate_name
-from storage_schemas.reference import ArtifactRef
+from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
 from tasks.geometry.faults import BadInput, Fault
 
@@ -47,7 +46,8 @@ class Ended:
         """What a person wants to see at the end."""
         computed = [n for n, s in self.record.stages.items() if s["state"] == "completed"]
         console.print(f"computed: {', '.join(computed) or 'nothing, all was in the store'}", highlight=False)
-        for name, value in (self.scores or {}).items():
+        for name, score in (self.scores or {}).items():
+            value = "not estimated" if score["value"] is None else f"{score['value']:.3g} {score['unit'].replace('1', '')}"
             console.print(f"  {name}: {value}", highlight=False)
         if self.report:
             console.print(f"report: {self.report}", highlight=False, soft_wrap=True)
@@ -62,7 +62,9 @@ class Submission:
     console: Console
 
     @classmethod
-    def prepare(cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | None, console: Console) -> "Submission":
+    def prepare(
+        cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | None, console: Console
+    ) -> "Submission":
         """Resolve names and settings; refuses what cannot be, before any work."""
         validate_name(actor, "actor")
         if until not in STAGES:
@@ -118,7 +120,11 @@ def _find_recording(data: Path, actor: str, sequence: str | None) -> tuple[str, 
     folder = data / actor
     if not folder.is_dir():
         known = sorted(p.name for p in data.glob("*") if p.is_dir() and not p.name.endswith(".truth")) if data.is_dir() else []
-        remedy = f"Known there: {', '.join(known)}." if known else "Put recordings below it as <actor>/<sequence>, or set `data`; `demo` is made on first use."
+        remedy = (
+            f"Known there: {', '.join(known)}."
+            if known
+            else "Put recordings below it as <actor>/<sequence>, or set `data`; `demo` is made on first use."
+        )
         raise BadInput([Fault(str(folder), "there is no such actor", remedy)])
     known = sorted(p.name for p in folder.iterdir() if p.is_dir())
     if sequence is None and len(known) == 1:

@@ -61,7 +61,11 @@ def _same(root: Path, file: str, sha256: dict[str, str]) -> Path:
         with path.open("rb") as opened:
             found = hashlib.file_digest(opened, "sha256").hexdigest()
     except OSError as error:
-        raise BadInput([Fault(str(path), f"it cannot be read ({error.strerror})", "Restore the recording, or point `data` at it.")]) from None
+        raise BadInput(
+            [Fault(str(path), f"it cannot be read ({error.strerror})", "Restore the recording, or point `data` at it.")]
+        ) from None
     if found != sha256[file]:
-        raise BadInput([Fault(str(path), "it has changed since the recording was captured", "Submit again: the new recording gets new artifacts.")])
+        raise BadInput(
+            [Fault(str(path), "it has changed since the recording was captured", "Submit again: the new recording gets new artifacts.")]
+        )
     return path

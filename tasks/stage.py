@@ -205,9 +205,10 @@ def _sealed_from_truth() -> Iterator[None]:
 
 
 def _refuse_truth(event: str, arguments: tuple) -> None:
-    if event == "open" and isinstance(arguments[0], str) and _inside_stage.get() and SEALED in arguments[0]:
-        if any(part.endswith(SEALED) for part in Path(arguments[0]).parts):
-            raise PermissionError(f"{arguments[0]}: a stage may not open the truth it is judged by")
+    if event != "open" or not isinstance(arguments[0], str) or not _inside_stage.get():
+        return
+    if SEALED in arguments[0] and any(part.endswith(SEALED) for part in Path(arguments[0]).parts):
+        raise PermissionError(f"{arguments[0]}: a stage may not open the truth it is judged by")
 
 
 sys.addaudithook(_refuse_truth)

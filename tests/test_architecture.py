@@ -9,7 +9,9 @@ VAGUE = {"utils", "util", "common", "helpers", "helper", "core", "manager", "mis
 
 
 def test_import_contracts_hold():
-    ended = subprocess.run([Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
@@ -19,5 +21,8 @@ def test_every_file_is_named_for_its_idea():
 
 
 def test_every_folder_of_code_says_what_it_is():
-    folders = {p.parent for top in ("flows", "tasks", "storage_schemas") for p in (ROOT / top).glob("*/*.py")} | {ROOT / "storage_schemas", ROOT / "flows"}
+    folders = {p.parent for top in ("flows", "tasks", "storage_schemas") for p in (ROOT / top).glob("*/*.py")} | {
+        ROOT / "storage_schemas",
+        ROOT / "flows",
+    }
     assert not sorted(str(f.relative_to(ROOT)) for f in folders if not (f / "README.md").exists())

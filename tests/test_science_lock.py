@@ -50,7 +50,12 @@ def digest(door: str) -> str:
         tree = ast.parse(path_of(module).read_text())
         for node in ast.walk(tree):
             body = getattr(node, "body", None)
-            if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(getattr(body[0], "value", None), ast.Constant):
+            if (
+                isinstance(body, list)
+                and body
+                and isinstance(body[0], ast.Expr)
+                and isinstance(getattr(body[0], "value", None), ast.Constant)
+            ):
                 if isinstance(body[0].value.value, str):
                     body.pop(0)
         whole.update(f"{module}\0{ast.dump(tree)}\n".encode())
@@ -66,7 +71,9 @@ def current() -> dict[str, dict]:
 def test_science_changes_only_with_its_version():
     locked, now = json.loads(LOCK.read_text()), current()
     changed = [name for name in now if name in locked and now[name]["version"] == locked[name]["version"] and now[name] != locked[name]]
-    assert not changed, f"the science of {', '.join(changed)} changed: raise the stage's version, then run python -m tests.test_science_lock"
+    assert not changed, (
+        f"the science of {', '.join(changed)} changed: raise the stage's version, then run python -m tests.test_science_lock"
+    )
     assert now == locked, "run python -m tests.test_science_lock"
 
 

@@ -12,7 +12,6 @@ from tasks.capture.recording import Recording
 from tasks.geometry.faults import BadInput, Fault
 from tasks.stage import Folder, Job, Parameters, stage
 
-
 VIDEO_CALIBRATIONS = ("*.qca.txt", "calibration.json", "calibration.yml", "calibration.yaml")
 
 

@@ -1,0 +1,1 @@
+"""What garments are made of, as far as motion tells."""

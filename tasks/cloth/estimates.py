@@ -57,5 +57,3 @@ def _doubt(scene: Scene, fit: Fit, name: str) -> str:
     if name == "log_bending" and bending_length(fit.fabric) < EDGES_PER_BENDING_LENGTH * edge:
         return f"insensitive: the bending length {1e3 * bending_length(fit.fabric):.1f} mm is below {EDGES_PER_BENDING_LENGTH} edges of {1e3 * edge:.1f} mm"
     return ""
-
-

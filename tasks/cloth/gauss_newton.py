@@ -54,7 +54,9 @@ def fit(scene: Scene, start: Progress, *, iterations: int = 5, on_iteration: Cal
     """Fit `PARAMETERS` from `start` with at most `iterations` accepted steps in all; `on_iteration` hears of each."""
     state, now = start, replay(scene, start.fabric, tangents=PARAMETERS)
     if not now.complete:
-        ending = f"the simulation cannot follow the recording with κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}: {now.ending}"
+        ending = (
+            f"the simulation cannot follow the recording with κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}: {now.ending}"
+        )
         return Fit(state.fabric, np.full((2, 2), np.nan), now, state.history, ending)
     if not state.history:
         state = replace(state, history=(_row(scene, now, state.fabric),))

@@ -48,7 +48,9 @@ def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: 
     """Fit all garments, two at a time, each in a child process that can be killed and goes on where it was."""
     worn = _garments(tracking)
     if not worn:
-        raise BadInput([Fault("template", "it has no part but 'body'", "Group the garments' faces by name (g skirt, g top …) in the template.")])
+        raise BadInput(
+            [Fault("template", "it has no part but 'body'", "Group the garments' faces by name (g skirt, g top …) in the template.")]
+        )
     scenes = [_scene(garment, capture, body, tracking, skinning, parameters) for garment in worn]
     arguments = [(scene, parameters, str(job.checkpoint / f"{g.name}.json")) for g, scene in zip(worn, scenes)]
     told = [0.0] * len(worn)
@@ -70,16 +72,16 @@ def _garments(tracking: Tracking) -> list[Garment]:
     return garments(vertices, tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
 
 
-def _scene(
-    garment: Garment, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
-) -> Scene:
+def _scene(garment: Garment, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> Scene:
     frames = slice(0, parameters.frames + 1)
     observed, person = garment.observed[frames], body.vertices[frames].astype(float)
     fastening = fastened_nodes(observed, garment.faces, person, body.faces)
     driven = observed[:, fastening.nodes]
     if parameters.boundary == "skinned":
         own = garment.index[fastening.nodes]
-        driven = repose(skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float))
+        driven = repose(
+            skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float)
+        )
     collider = fitted_collider(person, body.faces, observed, garment.faces, fastened=fastening.nodes)
     x0 = observed[0]
     uv = pattern(x0, garment.faces, tracking.uv_vertices.astype(float), garment.uv_faces) if parameters.rest == "pattern" else None

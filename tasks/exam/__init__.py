@@ -1,0 +1,1 @@
+"""Answers against truths that no stage can open."""

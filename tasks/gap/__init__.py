@@ -1,0 +1,1 @@
+"""Where recording and physics differ."""

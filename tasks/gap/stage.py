@@ -51,6 +51,12 @@ def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth
 
 
 def _verdict(found: Where) -> dict:
-    sentence = f"The fitted cloth differs from the recording by {found.rms_mm:.1f} mm (noise floor {found.floor_mm:.1f} mm). Cause not yet tested."
+    sentence = (
+        f"The fitted cloth differs from the recording by {found.rms_mm:.1f} mm (noise floor {found.floor_mm:.1f} mm). Cause not yet tested."
+    )
     gap = {"before_mm": found.rms_mm, "after_mm": None, "floor_mm": found.floor_mm, "closed_fraction": None}
-    return {"version": 1, "verdict": {"kind": "not_testable", "effects": [], "class": [], "probability": None, "sentence": sentence}, "gap": gap}
+    return {
+        "version": 1,
+        "verdict": {"kind": "not_testable", "effects": [], "class": [], "probability": None, "sentence": sentence},
+        "gap": gap,
+    }

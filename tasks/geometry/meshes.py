@@ -100,7 +100,9 @@ def mesh_faults(vertices: Array, faces: Faces, name: str, *, metres: bool = True
     scale = np.linalg.norm(np.ptp(vertices, axis=0))
     flat = np.flatnonzero(area <= 1e-12 * scale**2)
     if len(flat):
-        faults.append(Fault(name, f"{len(flat)} faces have no area, the first is face {flat[0]} {faces[flat[0]].tolist()}", "Delete or re-mesh them."))
+        faults.append(
+            Fault(name, f"{len(flat)} faces have no area, the first is face {flat[0]} {faces[flat[0]].tolist()}", "Delete or re-mesh them.")
+        )
     faults += _topology_faults(faces, name)
     if metres and not 0.02 < scale < 20:
         faults.append(Fault(name, f"its bounding box has a diagonal of {scale:.4g} m", "Lengths must be in metres; rescale the file."))
@@ -130,12 +132,24 @@ def _topology_faults(faces: Faces, name: str) -> list[Fault]:
     crowded = np.flatnonzero(count > 2)
     if len(crowded):
         e = undirected[crowded[0]].tolist()
-        faults.append(Fault(name, f"{len(crowded)} edges have more than two faces, the first is {e}", "Make the surface manifold (split or delete faces)."))
+        faults.append(
+            Fault(
+                name,
+                f"{len(crowded)} edges have more than two faces, the first is {e}",
+                "Make the surface manifold (split or delete faces).",
+            )
+        )
     paired = half[count[inverse.ravel()] == 2]
     once, directed = np.unique(paired, axis=0, return_counts=True)
     clash = once[directed > 1]
     if len(clash):
-        faults.append(Fault(name, f"{len(clash)} edges run the same way in both faces, the first is {clash[0].tolist()}", "Orient all faces the same way round."))
+        faults.append(
+            Fault(
+                name,
+                f"{len(clash)} edges run the same way in both faces, the first is {clash[0].tolist()}",
+                "Orient all faces the same way round.",
+            )
+        )
     return faults
 
 

@@ -15,7 +15,9 @@ from tasks.keypoints.rig_keypoints import BODY, CAUCHY_SCALE, RigKeypoints, agre
 
 GAIN = 0.8  # a view turns only for a clear gain: from the side both readings fit alike
 ROUNDS = 3
-SIDED = np.flatnonzero((FLIP != np.arange(len(FLIP))) & (np.arange(len(FLIP)) < BODY.stop) & (np.arange(len(FLIP)) > 4))  # shoulders to toes
+SIDED = np.flatnonzero(
+    (np.arange(len(FLIP)) != FLIP) & (np.arange(len(FLIP)) < BODY.stop) & (np.arange(len(FLIP)) > 4)
+)  # shoulders to toes
 
 
 def same_sides(cameras: Cameras, found: RigKeypoints) -> tuple[RigKeypoints, np.ndarray]:

@@ -39,4 +39,8 @@ def page(title: str, subtitle: str, verdict: str, sections: Sequence[Section]) -
     from jinja2 import Environment
 
     template = Path(__file__).with_name("page.html.j2").read_text()
-    return Environment(autoescape=True, trim_blocks=True).from_string(template).render(title=title, subtitle=subtitle, verdict=verdict, sections=sections)
+    return (
+        Environment(autoescape=True, trim_blocks=True)
+        .from_string(template)
+        .render(title=title, subtitle=subtitle, verdict=verdict, sections=sections)
+    )

@@ -43,7 +43,9 @@ def draw_keypoints(image: Image, keypoints: NDArray, score: NDArray, limbs: Sequ
     return out
 
 
-def draw_mesh(image: Image, cameras: Cameras, camera: int, vertices: NDArray, faces: NDArray, *, colour: NDArray | tuple = MESH, opacity: float = 0.6) -> Image:
+def draw_mesh(
+    image: Image, cameras: Cameras, camera: int, vertices: NDArray, faces: NDArray, *, colour: NDArray | tuple = MESH, opacity: float = 0.6
+) -> Image:
     """Shade a mesh over the picture of one camera; colour is one RGB or one per face [F, 3]. Lens distortion is ignored."""
     seen = rasterise(cameras.K[camera], cameras.R[camera], cameras.t[camera], tuple(cameras.size[camera]), vertices, faces)
     inside = seen.face >= 0

@@ -15,22 +15,42 @@ GARMENT_COLOURS = ((255, 150, 60), (90, 170, 255), (170, 230, 90), (240, 110, 19
 
 
 def keypoint_section(
-    images: Sequence[NDArray], keypoints: NDArray, score: NDArray, limbs: Sequence[tuple[int, int]], people: NDArray | None, cameras: Cameras, detector: str
+    images: Sequence[NDArray],
+    keypoints: NDArray,
+    score: NDArray,
+    limbs: Sequence[tuple[int, int]],
+    people: NDArray | None,
+    cameras: Cameras,
+    detector: str,
 ) -> Section:
     """Overlays of one frame in some cameras; keypoints [camera, 133, 2] px, score [camera, 133], people [n, 3] m to crop to, if known."""
     drawn = [draw_keypoints(i, k, s, limbs) for i, k, s in zip(images, keypoints, score)]
     if people is not None:
         drawn = [crop_to(picture, cameras, c, people) for c, picture in enumerate(drawn)]
-    return Section("Keypoints", [f"Detector: {detector}."], figures=[Figure(data_uri(strip(drawn)), "Points with a score of at least 0.3.")])
+    return Section(
+        "Keypoints", [f"Detector: {detector}."], figures=[Figure(data_uri(strip(drawn)), "Points with a score of at least 0.3.")]
+    )
 
 
 def body_section(
-    images: Sequence[NDArray], cameras: Cameras, vertices: NDArray, faces: NDArray, reprojection_px: NDArray, camera_names: Sequence[str], ending: str
+    images: Sequence[NDArray],
+    cameras: Cameras,
+    vertices: NDArray,
+    faces: NDArray,
+    reprojection_px: NDArray,
+    camera_names: Sequence[str],
+    ending: str,
 ) -> Section:
     """The fitted body over the pictures, and reprojection errors [frame, camera, 133] px by group and camera."""
     drawn = [crop_to(draw_mesh(i, cameras, c, vertices, faces), cameras, c, vertices) for c, i in enumerate(images)]
     rows = [
-        [name, *(float(np.nanmedian(reprojection_px[:, c, part])) if np.isfinite(reprojection_px[:, c, part]).any() else None for part in GROUPS.values())]
+        [
+            name,
+            *(
+                float(np.nanmedian(reprojection_px[:, c, part])) if np.isfinite(reprojection_px[:, c, part]).any() else None
+                for part in GROUPS.values()
+            ),
+        ]
         for c, name in enumerate(camera_names)
     ]
     table = Table(["camera", *(f"{group}: median error px" for group in GROUPS)], rows)
@@ -38,20 +58,33 @@ def body_section(
 
 
 def tracking_section(
-    images: Sequence[NDArray], cameras: Cameras, vertices: NDArray, faces: NDArray, part: NDArray, rms: NDArray, seen: NDArray, noise_m: NDArray
+    images: Sequence[NDArray],
+    cameras: Cameras,
+    vertices: NDArray,
+    faces: NDArray,
+    part: NDArray,
+    rms: NDArray,
+    seen: NDArray,
+    noise_m: NDArray,
 ) -> Section:
     """The tracked surface over the pictures; rms [frame], seen and noise_m [frame, vertex]."""
     names = sorted(set(part.tolist()) - {"body"})
     colour = np.full((len(faces), 3), 200.0)
     for name, rgb in zip(names, GARMENT_COLOURS):
         colour[part == name] = rgb
-    drawn = [crop_to(draw_mesh(i, cameras, c, vertices, faces, colour=colour, opacity=0.55), cameras, c, vertices) for c, i in enumerate(images)]
+    drawn = [
+        crop_to(draw_mesh(i, cameras, c, vertices, faces, colour=colour, opacity=0.55), cameras, c, vertices) for c, i in enumerate(images)
+    ]
     rows = [
         ["photometric rms, last frame", float(rms[-1])],
         ["vertices seen, mean over frames", float(seen.mean())],
         ["standard deviation of a seen vertex, median mm", float(1e3 * np.median(noise_m[seen])) if seen.any() else None],
     ]
-    return Section("Tracking", tables=[Table(["figure", "value"], rows)], figures=[Figure(data_uri(strip(drawn)), f"Tracked surface; garments: {', '.join(names)}.")])
+    return Section(
+        "Tracking",
+        tables=[Table(["figure", "value"], rows)],
+        figures=[Figure(data_uri(strip(drawn)), f"Tracked surface; garments: {', '.join(names)}.")],
+    )
 
 
 def cloth_section(parameters: dict[str, dict[str, Any]], history: dict[str, list], endings: Sequence[str]) -> Section:
@@ -61,7 +94,9 @@ def cloth_section(parameters: dict[str, dict[str, Any]], history: dict[str, list
         for garment, found in parameters.items()
         for name, e in found.items()
     ]
-    steps = [[garment, i, row["rms_mm"], row["kappa_s"], row["kappa_b"]] for garment, rows_ in history.items() for i, row in enumerate(rows_)]
+    steps = [
+        [garment, i, row["rms_mm"], row["kappa_s"], row["kappa_b"]] for garment, rows_ in history.items() for i, row in enumerate(rows_)
+    ]
     tables = [
         Table(["garment", "parameter", "value", "low (90 %)", "high", "unit", ""], rows),
         Table(["garment", "iteration", "rms mm", "κ_s", "κ_b"], steps),
@@ -74,8 +109,13 @@ def gap_section(
 ) -> Section:
     """Heat map on the simulated garments, error over time, and the tables by zone, direction and band."""
     top = float(np.nanpercentile(vertex_mm, 95))
-    picture = draw_mesh(np.full_like(image, 24), cameras, camera, x, faces, colour=heat(np.nan_to_num(vertex_mm)[faces].mean(1), top), opacity=1.0)
-    zones = Table(["zone", "vertices", "rms mm", "share of squared error"], [[z["zone"], z["vertices"], z["rms_mm"], z["share"]] for z in tables["zones"]])
+    picture = draw_mesh(
+        np.full_like(image, 24), cameras, camera, x, faces, colour=heat(np.nan_to_num(vertex_mm)[faces].mean(1), top), opacity=1.0
+    )
+    zones = Table(
+        ["zone", "vertices", "rms mm", "share of squared error"],
+        [[z["zone"], z["vertices"], z["rms_mm"], z["share"]] for z in tables["zones"]],
+    )
     directions = Table(["direction", "rms mm"], [[k, v] for k, v in tables["directions_mm"].items()])
     bands = Table(["frequency", "rms mm"], [[b["band"], b["rms_mm"]] for b in tables["bands"]])
     figures = [
@@ -88,13 +128,19 @@ def gap_section(
 def appearance_section(albedo: NDArray, psnr: NDArray, frames: Sequence[int], camera_names: Sequence[str]) -> Section:
     """The texture (sRGB 8 bit) and the likeness per frame and camera [dB]."""
     rows = [[int(f), *(None if not np.isfinite(p) else float(p) for p in row)] for f, row in zip(frames, psnr)]
-    return Section("Appearance", tables=[Table(["frame", *camera_names], rows)], figures=[Figure(data_uri(albedo), "Albedo; likeness in dB above.")])
+    return Section(
+        "Appearance", tables=[Table(["frame", *camera_names], rows)], figures=[Figure(data_uri(albedo), "Albedo; likeness in dB above.")]
+    )
 
 
 def truth_section(scores: dict[str, Any]) -> Section:
     """Errors against the truth, which no stage could see."""
     rows = [[name, s["value"], s["unit"]] for name, s in scores.items()]
-    return Section("Against the truth", ["The recording is synthetic: these figures come from a scorer outside the pipeline."], [Table(["figure", "value", "unit"], rows)])
+    return Section(
+        "Against the truth",
+        ["The recording is synthetic: these figures come from a scorer outside the pipeline."],
+        [Table(["figure", "value", "unit"], rows)],
+    )
 
 
 def provenance_section(stages: dict[str, dict[str, Any]], warnings: Sequence[str]) -> Section:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from storage_schemas.appearance import Appearance
 from storage_schemas.body import Body
@@ -30,7 +31,7 @@ class ReportParameters(Parameters):
     """scores: figures against a truth, from a scorer outside the stages; stages: seconds and keys, for the last section."""
 
     scores: dict[str, Any] | None = None
-    stages: dict[str, dict[str, Any]] = {}
+    stages: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
 @stage("report", version=1, pool="rendering", timeout_s=1800)

@@ -44,7 +44,11 @@ def simulated_places(pair: tuple[int, int], repeat: int, *, settings: Settings) 
         )
     )
     x = np.stack([frame.x for frame in frames])[HANG + RAISE + HOLD :]
-    places = {k: in_arm_frame(run, np.einsum("k,tkc->tc", w, x[:, nodes])) for k, (nodes, w) in garment.places.items()} if len(x) == len(run.time) else {}
+    places = (
+        {k: in_arm_frame(run, np.einsum("k,tkc->tc", w, x[:, nodes])) for k, (nodes, w) in garment.places.items()}
+        if len(x) == len(run.time)
+        else {}
+    )
     return places, frames[-1].ending, sum(frame.seconds for frame in frames) / len(frames)
 
 
@@ -66,7 +70,15 @@ def measure(pairs: tuple[tuple[int, int], ...]) -> list[dict]:
                 errors["raw"].append(np.sum((truth - found[place]) ** 2, 1))
                 errors["motion"].append(np.sum((truth - found[place] - shift) ** 2, 1))
             mm = {name: float(1e3 * np.sqrt(np.mean(e))) for name, e in errors.items()}
-            rows.append({"place": place, **mm, "painted": painted[place][0], "mean_trajectory": painted[place][1], "seconds_per_frame": held_out[4][2]})
+            rows.append(
+                {
+                    "place": place,
+                    **mm,
+                    "painted": painted[place][0],
+                    "mean_trajectory": painted[place][1],
+                    "seconds_per_frame": held_out[4][2],
+                }
+            )
     return rows
 
 

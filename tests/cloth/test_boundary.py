@@ -10,7 +10,9 @@ from tasks.geometry.rotations import matrix_from_axis_angle
 def tube(radius: float, top: float, bottom: float, rings: int, around: int = 24):
     angle = np.arange(around) * 2 * np.pi / around
     y = np.linspace(top, bottom, rings)
-    x = np.stack([radius * np.cos(angle)[None] + 0 * y[:, None], y[:, None] + 0 * angle[None], radius * np.sin(angle)[None] + 0 * y[:, None]], -1)
+    x = np.stack(
+        [radius * np.cos(angle)[None] + 0 * y[:, None], y[:, None] + 0 * angle[None], radius * np.sin(angle)[None] + 0 * y[:, None]], -1
+    )
     i = np.arange(rings * around).reshape(rings, around)
     a, b, c, d = i[:-1], np.roll(i, -1, 1)[:-1], np.roll(i, -1, 1)[1:], i[1:]
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])

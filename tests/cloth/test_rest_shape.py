@@ -17,7 +17,9 @@ def rolled():
 def test_a_scaled_pattern_is_brought_to_metres():
     x, faces, flat = rolled()
     uv = pattern(x, faces, flat * 0.37 + 0.1, faces)
-    np.testing.assert_allclose(np.linalg.norm(uv[:, 1] - uv[:, 0], axis=-1), np.linalg.norm(x[faces[:, 1]] - x[faces[:, 0]], axis=-1), rtol=0.02)
+    np.testing.assert_allclose(
+        np.linalg.norm(uv[:, 1] - uv[:, 0], axis=-1), np.linalg.norm(x[faces[:, 1]] - x[faces[:, 0]], axis=-1), rtol=0.02
+    )
 
 
 def test_a_stretched_atlas_is_no_pattern():

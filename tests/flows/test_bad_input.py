@@ -47,7 +47,8 @@ def scale_positions(lines: list[str], factor: float) -> list[str]:
 def scale_template(folder: Path, factor: float) -> None:
     file = folder / "template/template.obj"
     lines = [
-        "v " + " ".join(repr(float(x) * factor) for x in line.split()[1:4]) if line.startswith("v ") else line for line in file.read_text().splitlines()
+        "v " + " ".join(repr(float(x) * factor) for x in line.split()[1:4]) if line.startswith("v ") else line
+        for line in file.read_text().splitlines()
     ]
     file.write_text("\n".join(lines) + "\n")
 

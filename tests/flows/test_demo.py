@@ -12,7 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SMALL = ("demo.cameras=4", "demo.frames=8", "demo.size=224", "demo.spp=4", "cloth.iterations=1", "appearance.texture_size=128", "cloth.frames=7")
+SMALL = (
+    "demo.cameras=4",
+    "demo.frames=8",
+    "demo.size=224",
+    "demo.spp=4",
+    "cloth.iterations=1",
+    "appearance.texture_size=128",
+    "cloth.frames=7",
+)
 KILLS = int(os.environ.get("KILLS", "4"))
 
 
@@ -39,7 +47,7 @@ def small(tmp_path_factory):
 
 
 def test_every_stage_runs_and_the_report_stands_alone(small):
-    place, ended = small
+    _, ended = small
     assert ended["state"] == "completed"
     assert set(ended["scores"]) >= {"mean joint error", "skirt: tracked vertices, rms error"}
     page = Path(ended["report"]).read_text()
@@ -92,7 +100,9 @@ def test_kills_at_random_moments_change_nothing(small, tmp_path):
             child.wait()
     ended = run(tmp_path, *demo(*SMALL))
     assert run(tmp_path, "artifacts", "verify") == []
-    assert {n: a["key"] for n, a in ended["artifacts"].items() if n != "report"} == {n: a["key"] for n, a in whole["artifacts"].items() if n != "report"}
+    assert {n: a["key"] for n, a in ended["artifacts"].items() if n != "report"} == {
+        n: a["key"] for n, a in whole["artifacts"].items() if n != "report"
+    }
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_what_was_not_seen_is_not_compared():
 
 
 def test_zones_by_rank():
-    x, faces = sheet()
+    _, faces = sheet()
     far, near = np.full((4, 35), 0.1), np.full((4, 35), 0.1)
     pinned = np.arange(35) == 0
     near[:, [0, 17]] = 0.001

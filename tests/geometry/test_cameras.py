@@ -59,7 +59,7 @@ def test_triangulation_finds_the_points_and_knows_when_it_cannot(points):
     assert np.isnan(x[0]).all()
     np.testing.assert_allclose(x[1:], points[1:], atol=1e-9)
     assert np.nanmax(residual[:, 1:]) < 1e-6
-    wrong, bad = triangulate(cameras, uv + np.array([40.0, 0.0]), weight)  # negative control: pixels that fit no point
+    _, bad = triangulate(cameras, uv + np.array([40.0, 0.0]), weight)  # negative control: pixels that fit no point
     assert np.nanmedian(bad[:, 1:]) > 5
 
 

@@ -12,7 +12,9 @@ from tasks.simulator import Cloth, Collider, Fabric
 from tests.real.sleeve_recording import AXIS, DOWN, PIVOT, Run, arm_frame
 
 ACROSS = np.array([[2.9, 6.3, 5.3, 3.6], [2.6, 5.3, 4.8, 3.3], [2.3, 4.9, 4.9, 2.4], [2.2, 4.0, 4.2, 2.5], [2.3, 4.0, 3.6, 2.3]]) / 100
-ALONG = np.array([[6.3, 7.9, 8.1, 8.9, 7.7, 8.8], [9.6, 7.8, 8.5, 8.9, 8.3, 8.9], [12.4, 7.3, 8.9, 8.7, 8.5, 9.4]]) / 100  # left, middle, right
+ALONG = (
+    np.array([[6.3, 7.9, 8.1, 8.9, 7.7, 8.8], [9.6, 7.8, 8.5, 8.9, 8.3, 8.9], [12.4, 7.3, 8.9, 8.7, 8.5, 9.4]]) / 100
+)  # left, middle, right
 ALLOWANCE = 0.015
 HEM = 0.115
 ROW_1 = 0.1145  # [m] from the pivot along the arm: mean of places 1 to 3
@@ -61,7 +63,9 @@ def arm_plate(*, cells: int = 12) -> tuple[np.ndarray, Collider]:
     r = np.unique(np.concatenate([np.linspace(ARM[0, 0], ARM[-1, 0], cells), [ELBOW]]))
     half = np.interp(r, ARM[:, 0], ARM[:, 1]) / 2
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    x = np.stack([np.repeat(r[:, None], 4, 1), half[:, None] * corner[:, 0], np.full((len(r), 4), PLATE / 2) * corner[:, 1]], -1).reshape(-1, 3)
+    x = np.stack([np.repeat(r[:, None], 4, 1), half[:, None] * corner[:, 0], np.full((len(r), 4), PLATE / 2) * corner[:, 1]], -1).reshape(
+        -1, 3
+    )
     i, j = np.meshgrid(np.arange(len(r) - 1), np.arange(4), indexing="ij")
     a, b, c, d = (np.ravel((i + p) * 4 + (j + q) % 4) for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
     end = 4 * (len(r) - 1)
@@ -93,7 +97,9 @@ def raised(run: Run, frames: int) -> Run:
         across = v @ AXIS
         length = np.linalg.norm(v - across * AXIS)
         a = share * angle
-        turned.append(PIVOT + length * (np.cos(a)[:, None] * DOWN + np.sin(a)[:, None] * np.cross(AXIS, DOWN)) + (share * across)[:, None] * AXIS)
+        turned.append(
+            PIVOT + length * (np.cos(a)[:, None] * DOWN + np.sin(a)[:, None] * np.cross(AXIS, DOWN)) + (share * across)[:, None] * AXIS
+        )
     return Run(np.zeros(frames), turned[0], turned[1], {})
 
 

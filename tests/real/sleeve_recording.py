@@ -80,8 +80,6 @@ def baselines() -> dict[int, tuple[float, float]]:
         for place in pair:
             y = {r: in_arm_frame(run, run.places[place]) for r, run in runs.items()}
             path = np.mean([y[r] for r in (1, 2, 3)], axis=0)
-            errors = [
-                np.sqrt(np.mean([np.sum((y[r] - guess) ** 2, 1) for r in (4, 5)])) * 1e3 for guess in (path.mean(0)[None], path)
-            ]
+            errors = [np.sqrt(np.mean([np.sum((y[r] - guess) ** 2, 1) for r in (4, 5)])) * 1e3 for guess in (path.mean(0)[None], path)]
             found[place] = (float(errors[0]), float(errors[1]))
     return found

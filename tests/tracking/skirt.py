@@ -210,7 +210,19 @@ def _plain():
     return (np.array([0.5, 0.35, 0.3]) + weave).astype(np.float32)
 
 
-TEXTURES = {"rich": _rich, "plain": _plain}
+def _print():
+    """The plain cloth with three hundred dots of a few colours, each some 3 cm wide and 6 cm apart."""
+    import cv2
+
+    rng = np.random.default_rng(4)
+    out, colours = _plain(), np.array([[0.9, 0.9, 0.85], [0.75, 0.2, 0.2], [0.85, 0.7, 0.2]])
+    for n, (i, j) in enumerate(np.ndindex(16, 20)):
+        place = (np.array([(j + 0.5) / 20, (i + 0.5) / 16]) * 1024 + rng.uniform(-12, 12, 2)).astype(int)
+        cv2.ellipse(out, tuple(int(a) for a in place), (12, 16), 0, 0, 360, colours[n % 3].tolist(), -1)
+    return out
+
+
+TEXTURES = {"rich": _rich, "plain": _plain, "print": _print}
 
 
 def photograph(cameras, k, x, faces, uv, picture, *, samples=3):

@@ -1,5 +1,7 @@
 """A small skirt tracked whole: it follows, it resumes to the bit, threads change nothing, bad input is refused with all faults."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from tasks.tracking.settings import Settings
 from tests.tracking.skirt import skirt
 
 SETTINGS = Settings(blur_px=(4.0, 2.0, 1.0), steps=(5, 5, 6))
+WEIGHTLESS = replace(SETTINGS, sigma_inertia=1.0)  # without the pull towards constant velocity what is tested stands alone
+PIXEL = 0.0087  # [m] on the cloth
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +62,7 @@ def test_other_images_are_not_followed(small, tracked):
         frames=3,
         settings=SETTINGS,
     )
-    assert rmse(still.vertices[2], small.vertices[0]) < 0.003 < 0.015 < rmse(tracked.vertices[2], small.vertices[0])
+    assert rmse(still.vertices[2], small.vertices[0]) < PIXEL / 2 < 0.015 < rmse(tracked.vertices[2], small.vertices[0])
 
 
 def test_resuming_gives_the_same_bits(small, tracked):
@@ -96,10 +100,10 @@ def test_hidden_vertices_are_not_seen_and_are_noisier(small):
     box = np.array(
         [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6]]
     )
-    hidden = track(small, frames=2, occluder=(np.repeat(corners[None], 2, 0), box))
+    hidden = track(small, frames=2, occluder=(np.repeat(corners[None], 2, 0), box), settings=WEIGHTLESS)
     top = small.vertices[0][:, 1] > 0.75
     assert not hidden.seen[1][top].any()
-    assert np.median(hidden.noise_m[1][top]) > 1.5 * np.median(hidden.noise_m[1][~top & hidden.seen[1]])
+    assert np.median(hidden.noise_m[1][top]) > 1.3 * np.median(hidden.noise_m[1][~top & hidden.seen[1]])
 
 
 def test_a_prediction_carries_what_no_camera_sees(small):
@@ -118,7 +122,7 @@ def test_a_prediction_carries_what_no_camera_sees(small):
         frames=3,
         part=part,
         prediction=prediction,
-        settings=SETTINGS,
+        settings=WEIGHTLESS,
     )
     assert rmse(found.vertices[2][skin], small.vertices[2][skin]) < 0.3 * rmse(small.vertices[0][skin], small.vertices[2][skin])
 
