@@ -50,14 +50,9 @@ def digest(door: str) -> str:
         tree = ast.parse(path_of(module).read_text())
         for node in ast.walk(tree):
             body = getattr(node, "body", None)
-            if (
-                isinstance(body, list)
-                and body
-                and isinstance(body[0], ast.Expr)
-                and isinstance(getattr(body[0], "value", None), ast.Constant)
-            ):
-                if isinstance(body[0].value.value, str):
-                    body.pop(0)
+            first = body[0] if isinstance(body, list) and body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                body.pop(0)
         whole.update(f"{module}\0{ast.dump(tree)}\n".encode())
     return whole.hexdigest()
 
