@@ -39,22 +39,22 @@ def body_section(
     faces: NDArray,
     reprojection_px: NDArray,
     camera_names: Sequence[str],
+    point_names: Sequence[str],
     ending: str,
 ) -> Section:
-    """The fitted body over the pictures, and reprojection errors [frame, camera, 133] px by group and camera."""
+    """The fitted body over the pictures, and reprojection errors [frame, camera, 133] px by group, by joint and by camera."""
     drawn = [crop_to(draw_mesh(i, cameras, c, vertices, faces), cameras, c, vertices) for c, i in enumerate(images)]
-    rows = [
-        [
-            name,
-            *(
-                float(np.nanmedian(reprojection_px[:, c, part])) if np.isfinite(reprojection_px[:, c, part]).any() else None
-                for part in GROUPS.values()
-            ),
-        ]
-        for c, name in enumerate(camera_names)
-    ]
-    table = Table(["camera", *(f"{group}: median error px" for group in GROUPS)], rows)
+    joints = range(GROUPS["feet"].stop)
+    parts = [*GROUPS.items(), *((point_names[k], slice(k, k + 1)) for k in joints)]
+    rows = [[name, *(_median(reprojection_px[:, c, part]) for c in range(len(camera_names)))] for name, part in parts]
+    table = Table(["median error px", *camera_names], rows)
     return Section("Body", [ending], [table], [Figure(data_uri(strip(drawn)), "The fitted body over the recording.")])
+
+
+def _median(values: NDArray) -> float | None:
+    """Of what was detected."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
 def tracking_section(

@@ -17,7 +17,7 @@ from storage_schemas.report import Report
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.appearance.colour import srgb8_from_linear
-from tasks.body.wholebody import LIMBS
+from tasks.body.wholebody import LIMBS, NAMES
 from tasks.geometry.cameras import Cameras
 from tasks.recorded import recorded
 from tasks.report import sections
@@ -102,7 +102,7 @@ def _tracking(view: _View, tracking: Tracking) -> Section:
 
 def _body(view: _View, body: Body, capture: Capture) -> Section:
     x = body.vertices[view.t].astype(float)
-    return sections.body_section(view.images, view.rig, x, body.faces, body.reprojection_px, capture.camera_names, body.ending)
+    return sections.body_section(view.images, view.rig, x, body.faces, body.reprojection_px, capture.camera_names, NAMES, body.ending)
 
 
 def _keypoints(view: _View, keypoints: Keypoints, body: Body | None) -> Section:

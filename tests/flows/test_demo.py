@@ -111,3 +111,4 @@ def test_the_demo_of_full_size_against_its_truth(tmp_path):
     assert scores["mean joint error"] < 60
     assert scores["skirt: tracked vertices, rms error"] < 12
     assert scores["image likeness, mean PSNR"] > 20
+    assert all(0.4 < scores[f"{garment}: kappa_s_over_rho, estimate/truth"] < 2.5 for garment in ("skirt", "top"))
