@@ -7,6 +7,7 @@ race throws its copy away. A kill -9 leaves at most a folder `.tmp-…` whose le
 from __future__ import annotations
 
 import contextlib
+import time
 from pathlib import Path
 
 from storage_schemas.artifact import write_artifact
@@ -20,6 +21,7 @@ from storage_schemas.record import Record
 from storage_schemas.reference import Address
 
 WRITER_SECONDS = 60.0
+STRAGGLER_TRIES, STRAGGLER_PAUSE = 40, 0.05  # 2 s at most
 
 
 def publish(root: Path, record: Record, provenance: Provenance, address: Address) -> str:
@@ -33,10 +35,23 @@ def publish(root: Path, record: Record, provenance: Provenance, address: Address
             sync_tree(aside)
             while not rename_folder(aside, target) and present_digest(target) is None:
                 _set_damaged_aside(stage, target)
-        finally:
-            remove_tree(aside)
+        except BaseException:
+            _outlast_stragglers(aside)
+            raise
+        remove_tree(aside)
     remove_tree(checkpoint_folder(root, address))
     return Manifest.read(target)[1]
+
+
+def _outlast_stragglers(aside: Path) -> None:
+    """zarr writes chunks concurrently: when one fails, others are still under way and would bring a removed folder back."""
+    absent = 0
+    for _ in range(STRAGGLER_TRIES):
+        absent = 0 if aside.exists() else absent + 1
+        if absent == 3:
+            return
+        remove_tree(aside)
+        time.sleep(STRAGGLER_PAUSE)
 
 
 def present_digest(target: Path) -> str | None:
