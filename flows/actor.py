@@ -149,11 +149,13 @@ def _why(fields: dict[str, Any], before: ArtifactRef | None, store: Store) -> st
     """Which field of the key differs from the newest artifact of this stage."""
     if before is None:
         return "never made"
+    if store.find(before.actor, before.sequence, before.stage, before.key) is None:
+        return "its artifact is gone from the store"
     past = store.provenance(before)
     was = {"stage_version": past.stage_version, "parameters": past.parameters, "weights": past.weights}
     was["inputs"] = {name: ref.digest for name, ref in past.inputs.items()}
     changes = [change for name, value in was.items() for change in _changes(name, value, fields[name])]
-    return "; ".join(changes) or "its artifact is gone from the store"
+    return "; ".join(changes)
 
 
 def _changes(name: str, was: Any, now: Any) -> list[str]:

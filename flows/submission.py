@@ -107,13 +107,14 @@ class Submission:
         return found
 
     def forget_from(self, stage: str) -> None:
-        """Set aside the artifacts that this request would find for `stage` and all after it, so that they are computed anew."""
+        """Remove the artifacts that this request would find for `stage` and all after it, so that they are computed anew."""
         if stage not in STAGES:
             raise Refused(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}")
         after = list(STAGES)[list(STAGES).index(stage) :]
         for planned in plan_actor(self.request, self.store):
             if planned.cached and planned.stage in after:
-                self.store.remove(self.request.actor, self.request.sequence, planned.stage, planned.key)
+                ref = self.store.find(self.request.actor, self.request.sequence, planned.stage, planned.key)
+                self.store.retire(ref)
 
 
 def _find_recording(data: Path, actor: str, sequence: str | None) -> tuple[str, Path]:

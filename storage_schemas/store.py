@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from datetime import timedelta
 from pathlib import Path
 from typing import TypeVar
@@ -25,10 +25,10 @@ from pydantic import BaseModel, ConfigDict
 
 from storage_schemas import pointers
 from storage_schemas.artifact import open_artifact, read_provenance
-from storage_schemas.durable import full_disk_explained, make_folders
+from storage_schemas.durable import full_disk_explained, make_folders, remove_tree
 from storage_schemas.faults import Corrupt, Fault
 from storage_schemas.format import check_format
-from storage_schemas.layout import addresses, artifact_folder, checkpoint_folder, lease_file, stage_folder
+from storage_schemas.layout import addresses, artifact_folder, checkpoint_folder, lease_file, new_aside, stage_folder
 from storage_schemas.lease import Lease, hold
 from storage_schemas.manifest import Manifest
 from storage_schemas.provenance import Provenance
@@ -132,6 +132,13 @@ class Store:
         """Reads every byte of one artifact, or of all; what is wrong, empty when all is as published."""
         wanted = addresses(self.root) if ref is None else [ref]
         return [fault for address in wanted for fault in self._faults(address)]
+
+    def retire(self, ref: Address) -> None:
+        """Removes one artifact, whole or not at all, so that its stage computes it anew. What refers to it stays and says so in `verify`."""
+        aside = new_aside(stage_folder(self.root, ref), ref.key[:16])
+        with suppress(FileNotFoundError):
+            self.folder(ref).rename(aside)
+        remove_tree(aside)
 
     def gc(self, *, older_than: timedelta, dry_run: bool) -> Swept:
         """Removes what nothing refers to; see `sweep.py`. Raises Corrupt with nothing removed."""

@@ -77,6 +77,13 @@ def test_the_store_is_clean_and_the_plan_explains(small):
     assert "will be made anew" in planned["report"]["why"]
 
 
+def test_rerun_computes_again_from_a_stage_on(small):
+    place, first = small
+    again = run(place, "rerun", "demo", "--from", "gap", *demo(*SMALL)[1:])
+    assert {name for name, entry in again["stages"].items() if entry["state"] == "completed"} == {"gap", "report"}
+    assert again["artifacts"]["gap"] == first["artifacts"]["gap"]  # the same inputs give the same bytes
+
+
 def test_the_avatar_leaves_as_files(small, tmp_path):
     place, _ = small
     written = run(place, "export", "demo", str(tmp_path), "--format", "glb", "--format", "npz", "--format", "mp4", "--format", "ply")

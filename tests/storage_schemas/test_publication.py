@@ -180,3 +180,12 @@ def test_two_processes_that_need_the_same_key_compute_it_once(tmp_path):
         process.stdin.flush()
     assert sorted(process.communicate()[0] for process in both) == ["", "computed\n"]
     assert [process.returncode for process in both] == [0, 0]
+
+
+def test_a_retired_artifact_is_computed_anew(tmp_path):
+    store = Store(tmp_path)
+    first = store.publish(keypoints(), **AT, key=key_of(0), provenance=provenance())
+    store.retire(first)
+    assert store.find(**AT, key=key_of(0)) is None
+    assert store.publish(keypoints(), **AT, key=key_of(0), provenance=provenance()).digest == first.digest
+    assert list(tmp_path.rglob(".tmp-*")) == []
