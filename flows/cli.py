@@ -35,7 +35,11 @@ app.command(config)
 app.command("flows.cli_artifacts:app", name="artifacts", help="Look into the store: ls, show, verify, gc.")
 app.command("flows.cli_capture:app", name="capture", help="Recordings: check, calibrate.")
 app.command("flows.cli_keypoints:app", name="keypoints", help="The keypoint detector: train.")
+app.command("flows.cli_cloth:app", name="cloth", help="Fabrics: fit.")
+app.command("flows.cli_effects:effects", name="effects")
 app.command("flows.cli_export:export", name="export")
+app.command("flows.cli_dataset:app", name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
+app.command("flows.cli_up:up", name="up")
 
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
@@ -67,6 +71,7 @@ def submit(
     set_: Set = (),
     store: StoreFolder = None,
     wait: bool = True,
+    service: Annotated[bool, Parameter(name="--service", negative="")] = False,
     json_: Json = False,
 ) -> int:
     """Process one actor now, in this process, without a server.
@@ -77,12 +82,17 @@ def submit(
     sequence: Which of the actor's sequences; may be left out when there is one.
     until: Last stage to run.
     wait: With --no-wait the run goes on in the background; see status, logs and cancel.
+    service: Have the workers of `physavatar up` do it, before any dataset.
     """
-    if not wait:
+    if not wait and not service:
         return _in_background([a for a in sys.argv[1:] if a != "--no-wait"])
     from flows.submission import Submission
 
     submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR)
+    if service:
+        from flows.service.hand_over import hand_over
+
+        return _print_json({"flow_run": hand_over(submission.request, submission.store, wait=wait)})
     return _show_ending(submission.run(), json_)
 
 
@@ -104,7 +114,7 @@ def plan(
     json_: Json = False,
 ) -> int:
     """What `submit` would compute and what it would take from the store; --explain says which key field changed."""
-    from flows.actor import plan_actor
+    from flows.request import plan_actor
     from flows.submission import Submission
 
     submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR)

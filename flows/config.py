@@ -2,10 +2,15 @@
 
 store = "artifacts"                      # where results go
 data = "data"                            # where recordings lie: <data>/<actor>/<sequence>
+effects_folder = "my_effects"            # further effects, one Python file each (tasks/effects)
 [body]
 model = "/models/SMPLX_NEUTRAL.npz"      # instead of the demo body
 [keypoints]
 model = "/models/dw-ll_ucoco_384.onnx"   # instead of the bundled detector
+[service]
+database = "postgresql+asyncpg://…"      # instead of SQLite (flows/service/parameters.py)
+[dataset]
+gpu_hours = 100.0                        # quotas (flows/dataset.py)
 """
 
 import difflib
@@ -18,8 +23,10 @@ from typing import Any
 from pydantic import Field, ValidationError, create_model
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from flows.dataset import DatasetParameters
 from flows.demo import DemoParameters
 from flows.pipeline import STAGES
+from flows.service.parameters import ServiceParameters
 from tasks.geometry.faults import BadInput, Fault
 
 CONFIG_FILE = "physavatar.toml"
@@ -32,7 +39,10 @@ class _Places(BaseSettings):
 
     store: Path = Field(Path("artifacts"), description="folder of the artifact store")
     data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
+    effects_folder: Path | None = Field(None, description="folder of further effects, one Python file each")
     demo: DemoParameters = Field(default_factory=DemoParameters, description="size of the demo recording")
+    dataset: DatasetParameters = Field(default_factory=DatasetParameters, description="quotas of the dataset flow")
+    service: ServiceParameters = Field(default_factory=ServiceParameters, description="server, database, workers")
 
     @classmethod
     def settings_customise_sources(cls, settings_cls: type, **sources: PydanticBaseSettingsSource) -> tuple:
@@ -69,7 +79,7 @@ def _read_toml(file: Path) -> dict[str, Any]:
 
 def _environment() -> list[tuple[str, str]]:
     prefix = "PHYSAVATAR_"
-    known = {n for n in os.environ if n.startswith(prefix)} - {f"{prefix}CONFIG", f"{prefix}REAL_DATA", f"{prefix}CACHE"}
+    known = {n for n in os.environ if n.startswith(prefix)} - {f"{prefix}{name}" for name in ("CONFIG", "REAL_DATA", "CACHE", "HOME")}
     return [(n, n.removeprefix(prefix).lower().replace("__", ".") + "=" + os.environ[n]) for n in sorted(known)]
 
 

@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from flows.service import doctor as service
+
 DISK_GB = 5.0
 
 
@@ -32,6 +34,7 @@ def examine(settings: Any) -> list[Finding]:
         *_guarded("store", lambda: _store(Path(settings.store)), "make the store folder writable, or set `store`"),
         *_guarded("disk", lambda: _disk(Path(settings.store)), "free space: physavatar artifacts gc"),
         *_guarded("clock", _clock, "set the system clock (leases and schedules rest on it)"),
+        *(finding for name, look, remedy in service.checks(settings.service) for finding in _guarded(name, look, remedy)),
     ]
 
 

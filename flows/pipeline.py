@@ -1,8 +1,6 @@
 """The order of the stages, and nothing else. What running a stage means (compute, plan, dispatch) is the caller's business."""
 
-from typing import Protocol
-
-from storage_schemas.reference import ArtifactRef
+from flows.line import Line, Run
 from tasks.appearance.stage import appearance
 from tasks.body.stage import body
 from tasks.capture.stage import capture
@@ -11,18 +9,7 @@ from tasks.gap.stage import gap
 from tasks.keypoints.stage import keypoints
 from tasks.report.stage import report
 from tasks.skinning.stage import skinning
-from tasks.stage import Stage
 from tasks.tracking.stage import tracking
-
-STAGES: dict[str, Stage] = {s.name: s for s in (capture, keypoints, body, tracking, skinning, cloth, appearance, gap, report)}
-
-
-class Run(Protocol):
-    """Brings one stage about and returns the reference of its artifact, or None while that cannot be known yet."""
-
-    def __call__(self, stage: Stage, **inputs: ArtifactRef | None) -> ArtifactRef | None:
-        """The artifact of `stage` from these inputs."""
-        ...
 
 
 def pipeline(run: Run) -> None:
@@ -35,3 +22,9 @@ def pipeline(run: Run) -> None:
     garments = run(cloth, capture=recording, body=person, tracking=surface, skinning=skin)
     run(appearance, capture=recording, body=person, tracking=surface)
     run(gap, capture=recording, tracking=surface, body=person, cloth=garments)
+
+
+AVATAR = Line(
+    {s.name: s for s in (capture, keypoints, body, tracking, skinning, cloth, appearance, gap, report)}, pipeline, closing="report"
+)
+STAGES = AVATAR.stages

@@ -8,13 +8,14 @@ from typing import Any
 
 from rich.console import Console
 
-from flows.actor import Planned, Request, plan_actor, run_actor
+from flows.actor import run_actor
 from flows.config import load
 from flows.demo import DEMO, compare_with_truth, ensure_demo
 from flows.endings import Refused, ending_of, state_of
-from flows.pipeline import STAGES
+from flows.pipeline import AVATAR, STAGES
 from flows.preflight import preflight
 from flows.progress import bars
+from flows.request import Planned, Request, plan_actor
 from flows.runs import RunRecord
 from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
@@ -77,7 +78,7 @@ class Submission:
             settings = load([*overrides, f"capture.recording={recording}"], places={"store": store})
         opened = Store(settings.store)
         scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
-        return cls(Request(actor, sequence, settings, until, scores), opened, console)
+        return cls(Request(actor, sequence, settings, AVATAR, until, scores), opened, console)
 
     def run(self) -> Ended:
         """Run to the end; the run record keeps how it ended, whatever happens. Bad input is found before any stage starts."""

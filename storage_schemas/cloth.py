@@ -5,11 +5,12 @@
 * `parameters` MUST name only garments of `garment_names`; every estimate has a unit. Without air, motion depends only on
   ratios to the density: what is not identified has no value, and `low` and `high` are then None too.
 * `loss_history`, `timing` [s] and `endings` tell how the estimation went.
+* `knowledge` tells, per garment, what bounds the estimates besides their intervals: the gauge, other intervals, what a choice changes.
 """
 
 from __future__ import annotations
 
-from typing import NotRequired
+from typing import Any, NotRequired
 
 import numpy as np
 from pydantic import Field
@@ -30,7 +31,7 @@ class Estimate(TypedDict):
     sentence: NotRequired[str]
 
 
-class Cloth(Record, name="cloth", version=1):
+class Cloth(Record, name="cloth", version=2):
     """What the garments are made of, as far as motion tells, and how they then move."""
 
     garment_names: tuple[str, ...] = names("garment")
@@ -43,6 +44,12 @@ class Cloth(Record, name="cloth", version=1):
     loss_history: Json = None
     timing: JsonDict = Field(default_factory=dict)
     endings: tuple[str, ...] = ()
+    knowledge: JsonDict = Field(default_factory=dict)
+
+    @classmethod
+    def migrate(cls, version: int, fields: dict[str, Any]) -> dict[str, Any]:
+        """Version 1 had no `knowledge`."""
+        return fields
 
     def faults(self) -> list[Fault]:
         """Garments that nobody named, and numbers of tracked vertices."""

@@ -128,6 +128,10 @@ class Store:
         """Every artifact, damaged ones included, sorted by address."""
         return [self._entry(address) for address in addresses(self.root, actor, sequence, stage)]
 
+    def size(self) -> int:
+        """Bytes of all artifacts together."""
+        return sum(path.stat().st_size for at in addresses(self.root) for path in self.folder(at).rglob("*") if path.is_file())
+
     def verify(self, ref: Address | None = None) -> Sequence[Fault]:
         """Reads every byte of one artifact, or of all; what is wrong, empty when all is as published."""
         wanted = addresses(self.root) if ref is None else [ref]

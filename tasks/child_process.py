@@ -8,7 +8,9 @@ import ctypes
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from typing import Any
@@ -109,3 +111,60 @@ def _work(send: Connection, parent: int, function: Callable[..., Any], arguments
     except Exception as error:  # noqa: BLE001  every failure is the parent's to judge
         send.send(("error", error))
     send.close()
+
+
+class Pool:
+    """Processes that stay, for many short computations: `map` applies a function to each item, in order.
+
+    A computation that is killed, or runs past the limit, is begun again in a new process, at most `attempts` times in all; `reasons` tells.
+    """
+
+    def __init__(self, *, limit_s: float, at_once: int = 2, attempts: int = 3) -> None:
+        self.limit_s, self.at_once, self.attempts = limit_s, at_once, attempts
+        self.reasons: list[str] = []
+        self._executor: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> "Pool":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """Raises ChildFailed or ChildTimedOut after the last attempt."""
+        items = list(items)
+        results: dict[int, Any] = {}
+        for attempt in range(1, self.attempts + 1):
+            try:
+                self._collect(function, items, results)
+                return [results[i] for i in range(len(items))]
+            except (BrokenProcessPool, TimeoutError) as error:
+                self._end()
+                slow = isinstance(error, TimeoutError)
+                reason = f"still running after {self.limit_s:.0f} s" if slow else "killed before it had a result"
+                self.reasons.append(f"computation {len(results) + 1} of {len(items)}: {reason} (attempt {attempt})")
+                if attempt == self.attempts:
+                    raise (ChildTimedOut if slow else ChildFailed)(self.reasons[-1]) from None
+        raise AssertionError("unreachable")
+
+    def _collect(self, function: Callable[[Any], Any], items: list[Any], results: dict[int, Any]) -> None:
+        if self._executor is None:
+            self._executor = ProcessPoolExecutor(self.at_once, get_context("spawn"), initializer=_die_with, initargs=(os.getpid(),))
+        futures = {i: self._executor.submit(function, item) for i, item in enumerate(items) if i not in results}
+        deadline = time.monotonic() + self.limit_s * max(1, -(-len(futures) // self.at_once))
+        for i, future in futures.items():
+            results[i] = future.result(timeout=max(0.0, deadline - time.monotonic()))
+
+    def _end(self) -> None:
+        if self._executor is None:
+            return
+        executor, self._executor = self._executor, None
+        for process in list((executor._processes or {}).values()):
+            process.kill()
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _die_with(parent: int) -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)

@@ -9,7 +9,6 @@ result is known before anything runs (`Stage.key`), so a result that is in the s
 Prefect's cache, decides what is done.
 """
 
-import hashlib
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -26,6 +25,7 @@ from storage_schemas.provenance import Provenance
 from storage_schemas.record import Record
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
+from tasks.content_digest import content_digest
 from tasks.geometry.faults import BadInput
 
 LEASE_S = 60.0
@@ -179,17 +179,6 @@ def stage(name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retr
 def _record_of(hint: Any) -> type[Record]:
     """The record class of an input that may be optional."""
     return next(t for t in (hint, *get_args(hint)) if isinstance(t, type) and issubclass(t, Record))
-
-
-def content_digest(path: Path) -> str:
-    """SHA-256 of a file, or of the names and contents of all files below a folder."""
-    if not path.is_dir():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    tree = hashlib.sha256()
-    for below in sorted(p for p in path.rglob("*") if p.is_file()):
-        tree.update(f"{below.relative_to(path).as_posix()}\0{content_digest(below)}\n".encode())
-    return tree.hexdigest()
 
 
 _inside_stage: ContextVar[bool] = ContextVar("inside_stage", default=False)

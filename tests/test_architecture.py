@@ -15,6 +15,12 @@ def test_import_contracts_hold():
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
+def test_the_contract_of_the_effects_names_all_of_them():
+    contract = (ROOT / ".importlinter").read_text().split("[importlinter:contract:effects]")[1].split("[importlinter")[0]
+    effects = {p.stem for p in (ROOT / "tasks/effects").glob("*.py") if "\nEFFECT = " in p.read_text()}
+    assert {line.split(".")[-1] for line in contract.splitlines() if line.startswith("    tasks.effects.")} == effects
+
+
 def test_every_file_is_named_for_its_idea():
     named = [p for top in ("flows", "tasks", "storage_schemas") for p in (ROOT / top).rglob("*") if "__pycache__" not in p.parts]
     assert not [str(p) for p in named if p.stem in VAGUE]

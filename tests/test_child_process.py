@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.child_process import ChildFailed, ChildTimedOut, run_in_children
+from tasks.child_process import ChildFailed, ChildTimedOut, Pool, run_in_children
 
 
 def square(x, tell):
@@ -87,3 +87,26 @@ def test_a_child_dies_with_its_parent():
     parent.wait()
     parent.stdout.close()
     assert not wait_until_gone(pid)
+
+
+def cubed(x):
+    return x**3
+
+
+def dies_once(path):
+    if not Path(path).exists():
+        Path(path).write_text("was here")
+        os.kill(os.getpid(), 9)
+    return "alive"
+
+
+def test_a_pool_keeps_order_and_begins_again_what_was_killed(tmp_path):
+    with Pool(limit_s=60) as pool:
+        assert pool.map(cubed, range(5)) == [0, 1, 8, 27, 64]
+        assert pool.map(dies_once, [str(tmp_path / "mark")]) == ["alive"]
+        assert len(pool.reasons) == 1 and "killed" in pool.reasons[0]
+
+
+def test_a_pool_gives_up_on_what_is_too_slow():
+    with Pool(limit_s=0.5, attempts=1) as pool, pytest.raises(ChildTimedOut, match="still running"):
+        pool.map(time.sleep, [30])

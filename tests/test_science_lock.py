@@ -40,7 +40,7 @@ def science_of(door: str) -> list[str]:
         if module not in seen:
             seen.add(module)
             waiting += imported(module)
-    return sorted(seen - {"tasks.stage", "tasks.child_process"})
+    return sorted(seen - {"tasks.stage", "tasks.child_process", "tasks.content_digest"})
 
 
 def digest(door: str) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from tasks.geometry.distances import closest_points
+from tasks.geometry.distances import Closest, closest_points
 from tasks.geometry.meshes import boundary_edges
 
 Array = NDArray[np.float64]
@@ -46,17 +46,30 @@ def fastened_nodes(x: Array, faces: NDArray[np.int32], body: Array, body_faces: 
     return Fastening(np.sort(np.concatenate(driven)).astype(np.int32) if driven else np.empty(0, np.int32), motion, rows)
 
 
+def carried(x0: Array, body: Array, body_faces: NDArray[np.int32]) -> Array:
+    """Points x0 [n, 3] m carried along [T, n, 3] m, each rigidly with the face of the body [T, C, 3] m that is nearest at first."""
+    near = closest_points(x0, body[0], body_faces)
+    at, frame = _on_faces(body, body_faces, near)
+    local = np.einsum("nij,nj->ni", frame[0], x0 - at[0])
+    return at + np.einsum("tnij,ni->tnj", frame, local)
+
+
 def _relative_motion(x: Array, body: Array, body_faces: NDArray[np.int32]) -> tuple[Array, Array]:
     """Standard deviation over time [n] m of x [T, n, 3] in the frame of its nearest body face at the first frame, and that distance [n] m."""
     near = closest_points(x[0], body[0], body_faces)
+    at, frame = _on_faces(body, body_faces, near)
+    local = np.einsum("tnij,tnj->tni", frame, x - at)
+    return np.sqrt(local.var(0).sum(-1)), near.distance
+
+
+def _on_faces(body: Array, body_faces: NDArray[np.int32], near: Closest) -> tuple[Array, Array]:
+    """Where points of the body [T, n, 3] m go, and the axes [T, n, 3, 3] (rows) of the faces they lie on."""
     corners = body[:, body_faces[near.face]]  # [T, n, 3, 3]
     e1, e2 = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
     u = e1 / np.linalg.norm(e1, axis=-1, keepdims=True)
     n = np.cross(e1, e2)
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
-    frame = np.stack([u, np.cross(n, u), n], -2)
-    local = np.einsum("tnij,tnj->tni", frame, x - np.einsum("nk,tnkc->tnc", near.barycentric, corners))
-    return np.sqrt(local.var(0).sum(-1)), near.distance
+    return np.einsum("nk,tnkc->tnc", near.barycentric, corners), np.stack([u, np.cross(n, u), n], -2)
 
 
 def _loops(border: NDArray[np.int32], vertex_count: int, nodes: NDArray[np.int32]) -> list[NDArray[np.int32]]:

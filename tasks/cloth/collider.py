@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.distances import closest_points
+from tasks.geometry.distances import Closest, closest_points
 from tasks.geometry.meshes import components, edges, submesh, vertex_normals
 
 Array = NDArray[np.float64]
@@ -20,6 +20,7 @@ CLEARANCE = 2.5e-3  # [m] more than the barrier distance
 FASTENED_CLEARANCE = 6e-3  # [m] at driven nodes: neither they nor the body can give way, so nothing may come between them
 REACH = 0.25  # [m] body farther from the garment than this in all frames is left out
 DEEPEST = 0.03  # [m] a body that would have to give way further is not there: its faces are left out
+LIMB = 0.05  # [m] deeper inside is another limb's cloth, not a fit error
 ROUNDS = 30
 FACES = 2400  # contact costs grow with both meshes: triangles no finer than the cloth's
 
@@ -45,6 +46,16 @@ def fitted_collider(body: Array, body_faces: Faces, garment: Array, garment_face
         depth = _cleared(_samples(garment[t], garment_faces), clearance, motion[t], normals[t], faces, e, depth)
     own, kept = submesh(faces, depth < DEEPEST)
     return FittedCollider((motion - depth[None, :, None] * normals)[:, kept], own, depth[kept])
+
+
+def deepest_poke(body: Array, body_faces: Faces, garment: Array) -> float:
+    """How far [m] the garment [T, V, 3] m reaches into the body [T, C, 3] m at most; what is `LIMB` deep lies on another limb."""
+    deepest = 0.0
+    for x, b in zip(garment, body):
+        near, side = _sides(x, b, body_faces)
+        inside = (side < 0) & (near.distance < LIMB)
+        deepest = max(deepest, float(near.distance[inside].max(initial=0.0)))
+    return deepest
 
 
 def _cleared(samples: Array, clearance: Array, body: Array, normals: Array, faces: Faces, e: Faces, depth: Array) -> Array:
@@ -92,15 +103,20 @@ def _samples(x: Array, faces: Faces) -> Array:
 
 def _missing(samples: Array, clearance: Array, collider: Array, faces: Faces) -> Array:
     """How much deeper each collider vertex must lie [C] m for the samples to be clear of it."""
-    near = closest_points(samples, collider, faces)
-    n = vertex_normals(collider, faces)
-    outward = np.einsum("pk,pkc->pc", near.barycentric, n[faces[near.face]])
-    side = np.sign(np.sum((samples - near.point) * outward, 1))
+    near, side = _sides(samples, collider, faces)
     lack = clearance - side * near.distance
-    close = (lack > 0) & (near.distance < 0.05)  # 50 mm inside is another limb's cloth, not a fit error
+    close = (lack > 0) & (near.distance < LIMB)
     missing = np.zeros(len(collider))
     np.maximum.at(missing, faces[near.face[close]], lack[close][:, None] * 1.05)
     return missing
+
+
+def _sides(samples: Array, collider: Array, faces: Faces) -> tuple[Closest, Array]:
+    """The nearest points of the collider, and +1 outside or −1 inside [p]."""
+    near = closest_points(samples, collider, faces)
+    n = vertex_normals(collider, faces)
+    outward = np.einsum("pk,pkc->pc", near.barycentric, n[faces[near.face]])
+    return near, np.sign(np.sum((samples - near.point) * outward, 1))
 
 
 def _spread(missing: Array, e: Faces) -> Array:

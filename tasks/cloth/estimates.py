@@ -1,4 +1,10 @@
-"""What a fit says about the fabric, in units anybody can check, and what it cannot say."""
+"""What a fit says about the fabric, in units anybody can check, and what it cannot say.
+
+Without air every term of the base model is proportional to one of (ρ, κ_s, κ_b) or to nothing: c·(ρ, κ_s, κ_b) moves exactly as (ρ, κ_s, κ_b) does,
+for every c > 0. That gauge direction is not estimated: ratios to the density are, and a weight turns them into stiffnesses.
+
+    κ_s/ρ, κ_b/ρ  [m³/kg],      E t/ρ̄ [m²/s²],  B/ρ̄ [m⁴/s²] with the areal density ρ̄
+"""
 
 from typing import Any
 
@@ -13,25 +19,42 @@ from tasks.simulator import Fabric
 Z90 = 1.645
 EDGES_PER_BENDING_LENGTH = 1.3
 GRAVITY = 9.81
+LEAST_KNOWN = np.log(10)  # a 90 % interval wider than this factor both ways is no estimate
 UNITS = {"log_membrane": ("kappa_s_over_rho", "m3/kg"), "log_bending": ("kappa_b_over_rho", "m3/kg")}
+PLAIN_UNITS = {"log_membrane": ("stretch_over_areal_density", "m2/s2"), "log_bending": ("bending_over_areal_density", "m4/s2")}
+GAUGE = (
+    "motion is the same for (c ρ, c κ_s, c κ_b) with any c > 0: this direction is not estimated, only κ_s/ρ and κ_b/ρ are. "
+    "A weight of the garment (mass_kg) fixes it."
+)
 
 
-def estimates(scene: Scene, fit: Fit) -> dict[str, dict[str, Any]]:
-    """κ_s/ρ and κ_b/ρ with 90 % intervals; None where the recording or the mesh cannot tell, and the sentence says why."""
+def estimates(scene: Scene, fit: Fit, *, weighed: bool = False) -> dict[str, dict[str, Any]]:
+    """κ_s/ρ and κ_b/ρ with 90 % intervals, the same in plain SI units, and the density where the garment was weighed.
+
+    None where the recording or the mesh cannot tell, and the sentence says why.
+    """
     found = {}
     for p, name in enumerate(PARAMETERS):
-        key, unit = UNITS[name]
-        value = {"log_membrane": fit.fabric.membrane, "log_bending": fit.fabric.bending}[name] / fit.fabric.density
-        spread = np.exp(Z90 * np.sqrt(fit.covariance[p, p])) if np.isfinite(fit.covariance[p, p]) else np.inf
-        sentence = _doubt(scene, fit, name)
-        known = not sentence and np.isfinite(spread)
-        found[key] = {
-            "value": float(value) if known else None,
-            "low": float(value / spread) if known else None,
-            "high": float(value * spread) if known else None,
-            "unit": unit,
-            "sentence": sentence or f"{key} = {value:.3g} {unit}, 90 % interval {value / spread:.3g} to {value * spread:.3g}",
-        }
+        doubt = _doubt(scene, fit, p)
+        for (key, unit), value in ((UNITS[name], _ratio(fit.fabric, name)), (PLAIN_UNITS[name], _plain(fit.fabric, name))):
+            found[key] = _estimate(key, value, unit, fit.covariance[p, p], doubt)
+    return found | densities(fit.fabric, weighed=weighed)
+
+
+def densities(fabric: Fabric, *, weighed: bool) -> dict[str, dict[str, Any]]:
+    """ρ [kg/m³] and ρ̄ [kg/m²], known only by weighing."""
+    found = {}
+    for key, value, unit in (("density", fabric.density, "kg/m3"), ("areal_density", fabric.areal_density, "kg/m2")):
+        if weighed:
+            said = {
+                "value": float(value),
+                "low": None,
+                "high": None,
+                "sentence": f"{key} = {value:.3g} {unit}, from the weight of the garment",
+            }
+        else:
+            said = {"value": None, "low": None, "high": None, "sentence": f"not known: {GAUGE}"}
+        found[key] = {**said, "unit": unit}
     return found
 
 
@@ -46,14 +69,49 @@ def mean_edge(x: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
     return float(np.linalg.norm(x[e[:, 0]] - x[e[:, 1]], axis=1).mean())
 
 
-def _doubt(scene: Scene, fit: Fit, name: str) -> str:
-    value = logarithms(fit.fabric)[PARAMETERS.index(name)]
-    low, high = BOUNDS[name]
+def insensitive(scene: Scene, fabric: Fabric) -> str:
+    """Why the mesh cannot show this fabric's bending; empty where it can."""
+    edge, length = mean_edge(scene.cloth.x_rest, scene.cloth.faces), bending_length(fabric)
+    if length >= EDGES_PER_BENDING_LENGTH * edge:
+        return ""
+    return f"insensitive: the bending length {1e3 * length:.1f} mm is below {EDGES_PER_BENDING_LENGTH} edges of {1e3 * edge:.1f} mm"
+
+
+def at_bound(fabric: Fabric, name: str) -> str:
+    """Which bound a parameter lies at; empty where it lies between."""
+    value, (low, high) = logarithms(fabric)[PARAMETERS.index(name)], BOUNDS[name]
+    if min(value - low, high - value) > 1e-6:
+        return ""
+    return f"at its {'lower' if value - low < high - value else 'upper'} bound: the recording does not limit it on this side"
+
+
+def _ratio(fabric: Fabric, name: str) -> float:
+    return {"log_membrane": fabric.membrane, "log_bending": fabric.bending}[name] / fabric.density
+
+
+def _plain(fabric: Fabric, name: str) -> float:
+    return {"log_membrane": fabric.stretch_stiffness, "log_bending": fabric.bending_rigidity}[name] / fabric.areal_density
+
+
+def _estimate(key: str, value: float, unit: str, variance: float, doubt: str) -> dict[str, Any]:
+    if doubt:
+        return {"value": None, "low": None, "high": None, "unit": unit, "sentence": doubt}
+    spread = float(np.exp(Z90 * np.sqrt(variance)))
+    low, high = value / spread, value * spread
+    sentence = f"{key} = {value:.3g} {unit}, 90 % interval {low:.3g} to {high:.3g}"
+    return {"value": value, "low": low, "high": high, "unit": unit, "sentence": sentence}
+
+
+def _doubt(scene: Scene, fit: Fit, p: int) -> str:
+    """Why parameter p is not estimated; empty where it is."""
+    name = PARAMETERS[p]
     if not fit.replay.complete:
         return f"not estimated: {fit.ending}"
-    if min(value - low, high - value) < 1e-6:
-        return "at its bound: the recording does not limit it on this side"
-    edge = mean_edge(scene.cloth.x_rest, scene.cloth.faces)
-    if name == "log_bending" and bending_length(fit.fabric) < EDGES_PER_BENDING_LENGTH * edge:
-        return f"insensitive: the bending length {1e3 * bending_length(fit.fabric):.1f} mm is below {EDGES_PER_BENDING_LENGTH} edges of {1e3 * edge:.1f} mm"
+    if bound := at_bound(fit.fabric, name):
+        return bound
+    if name == "log_bending" and (unresolved := insensitive(scene, fit.fabric)):
+        return unresolved
+    width = Z90 * np.sqrt(fit.covariance[p, p])
+    if not fit.normal.A.sum(0)[p, p] > 0 or not width < LEAST_KNOWN:
+        return "untouched by the data: the recording hardly moves with this parameter"
     return ""

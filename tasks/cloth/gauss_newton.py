@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.scene import Replay, Scene, replay
+from tasks.cloth.scene import FORGETFUL, FrameMemory, Replay, Scene, replay
 from tasks.simulator import Fabric
 
 Array = NDArray[np.float64]
@@ -30,14 +30,43 @@ PROPOSALS = 3  # per iteration, each shorter than the last
 
 
 @dataclass(frozen=True)
+class Normal:
+    """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation."""
+
+    g: Array
+    A: Array
+
+    @property
+    def step(self) -> Array:
+        """The undamped Gauss–Newton step [P]; 0 along what the data do not touch."""
+        return np.linalg.pinv(self.A.sum(0), rcond=1e-10, hermitian=True) @ self.g.sum(0)
+
+    @property
+    def covariance(self) -> Array:
+        """Cluster-robust covariance [P, P] of the parameters, and that of the noise itself beside it."""
+        B = len(self.g)
+        if not np.isfinite(self.A).all():
+            return np.full(self.A.shape[1:], np.nan)
+        inverse = np.linalg.pinv(self.A.sum(0), rcond=1e-10, hermitian=True)
+        spread = self.g - self.g.mean(0)
+        return inverse @ (spread.T @ spread * B / max(B - 1, 1)) @ inverse + inverse
+
+
+@dataclass(frozen=True)
 class Fit:
-    """The fabric found, covariance [P, P] of the logarithms, the last replay, the loss per iteration and how it ended."""
+    """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried."""
 
     fabric: Fabric
-    covariance: Array
+    normal: Normal
     replay: Replay
     history: tuple[dict[str, float], ...]
     ending: str
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def covariance(self) -> Array:
+        """Of the logarithms [P, P]."""
+        return self.normal.covariance
 
 
 @dataclass(frozen=True)
@@ -48,16 +77,25 @@ class Progress:
     damping: float = 1e-3
     history: tuple[dict[str, float], ...] = ()
     ending: str = ""
+    reasons: tuple[str, ...] = ()
 
 
-def fit(scene: Scene, start: Progress, *, iterations: int = 5, on_iteration: Callable[[Progress], None] = lambda progress: None) -> Fit:
+def fit(
+    scene: Scene,
+    start: Progress,
+    *,
+    iterations: int = 5,
+    on_iteration: Callable[[Progress], None] = lambda progress: None,
+    memory: FrameMemory = FORGETFUL,
+) -> Fit:
     """Fit `PARAMETERS` from `start` with at most `iterations` accepted steps in all; `on_iteration` hears of each."""
-    state, now = start, replay(scene, start.fabric, tangents=PARAMETERS)
+    state, now = start, replay(scene, start.fabric, tangents=PARAMETERS, memory=memory)
+    state = replace(state, reasons=(*state.reasons, *now.reasons))
     if not now.complete:
         ending = (
             f"the simulation cannot follow the recording with κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}: {now.ending}"
         )
-        return Fit(state.fabric, np.full((2, 2), np.nan), now, state.history, ending)
+        return Fit(state.fabric, normal_equations(scene, now), now, state.history, ending, state.reasons)
     if not state.history:
         state = replace(state, history=(_row(scene, now, state.fabric),))
     while not state.ending:
@@ -65,23 +103,32 @@ def fit(scene: Scene, start: Progress, *, iterations: int = 5, on_iteration: Cal
             state = replace(state, ending=f"stopped after {iterations} iterations")
             break
         on_iteration(state)
-        state, now = _iterate(scene, state, now)
-    return Fit(state.fabric, _covariance(scene, now), now, state.history, state.ending)
+        state, now = _iterate(scene, state, now, memory)
+    return Fit(state.fabric, normal_equations(scene, now), now, state.history, state.ending, state.reasons)
 
 
-def _iterate(scene: Scene, state: Progress, now: Replay) -> tuple[Progress, Replay]:
+def further_step(scene: Scene, fabric: Fabric) -> Array:
+    """What one more undamped iteration would add to the logarithms [P] on this scene; NaN where the simulation fails."""
+    now = replay(scene, fabric, tangents=PARAMETERS)
+    return normal_equations(scene, now).step if now.complete else np.full(len(PARAMETERS), np.nan)
+
+
+def _iterate(scene: Scene, state: Progress, now: Replay, memory: FrameMemory) -> tuple[Progress, Replay]:
     """One accepted Levenberg step, or the end."""
-    g, A, _ = _normal_equations(scene, now)
-    damping = state.damping
+    normal = normal_equations(scene, now)
+    g, A = normal.g.sum(0), normal.A.sum(0)
+    damping, reasons = state.damping, state.reasons
     for _ in range(PROPOSALS):
-        step = np.clip(np.linalg.solve(A + damping * np.diag(np.diag(A)), g), -LARGEST_STEP, LARGEST_STEP)
-        fabric = _moved(state.fabric, step)
-        tried = replay(scene, fabric, tangents=PARAMETERS)
-        if tried.complete and _loss(scene, tried) < _loss(scene, now):
+        held = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
+        step = np.clip(np.linalg.solve(held, g), -LARGEST_STEP, LARGEST_STEP)
+        fabric = moved(state.fabric, step)
+        tried = replay(scene, fabric, tangents=PARAMETERS, memory=memory)
+        reasons = (*reasons, *tried.reasons)
+        if tried.complete and loss(scene, tried) < loss(scene, now):
             ending = "converged" if np.abs(step).max() < SETTLED else ""
-            return Progress(fabric, max(damping / 10, 1e-4), (*state.history, _row(scene, tried, fabric)), ending), tried
+            return Progress(fabric, max(damping / 10, 1e-4), (*state.history, _row(scene, tried, fabric)), ending, reasons), tried
         damping = max(damping * 20, 0.1)
-    return replace(state, ending="converged: no shorter step lowers the loss"), now
+    return replace(state, ending="converged: no shorter step lowers the loss", reasons=reasons), now
 
 
 def logarithms(fabric: Fabric) -> Array:
@@ -89,7 +136,8 @@ def logarithms(fabric: Fabric) -> Array:
     return np.log(np.array([fabric.membrane, fabric.bending]) * REFERENCE_DENSITY / fabric.density)
 
 
-def _moved(fabric: Fabric, step: Array) -> Fabric:
+def moved(fabric: Fabric, step: Array) -> Fabric:
+    """The fabric whose logarithms [P] are larger by `step`, within the bounds; its density stays."""
     low, high = np.array([BOUNDS[name] for name in PARAMETERS]).T
     membrane, bending = np.exp(np.clip(logarithms(fabric) + step, low, high)) * fabric.density / REFERENCE_DENSITY
     return replace(fabric, membrane=float(membrane), bending=float(bending))
@@ -97,38 +145,31 @@ def _moved(fabric: Fabric, step: Array) -> Fabric:
 
 def _residual(scene: Scene, at: Replay) -> tuple[Array, Array]:
     """Residuals over their scale [n, 3], and Huber weights [n]. The scale is what the simulation can be blamed for at best: noise and typical misfit."""
-    on = scene.compared
-    r = (scene.observed - at.x)[on] / scene.noise_m[on][:, None]
+    r = scene.whitened(scene.observed - at.x)
     size = np.linalg.norm(r, axis=1) / np.sqrt(3)
     δ = HUBER * max(1.0, float(np.median(size)))
     return r, np.minimum(1.0, δ / np.maximum(size, 1e-12))
 
 
-def _loss(scene: Scene, at: Replay) -> float:
+def loss(scene: Scene, at: Replay) -> float:
+    """Weighted mean square of the residual in standard deviations."""
     r, w = _residual(scene, at)
     return float(np.sum(w * np.sum(r**2, 1)) / max(len(r), 1))
 
 
-def _normal_equations(scene: Scene, at: Replay) -> tuple[Array, Array, Array]:
-    """Jᵀ W r [P], Jᵀ W J [P, P], and Jᵀ W r of each block of frames [block, P]."""
-    on = scene.compared
+def normal_equations(scene: Scene, at: Replay) -> Normal:
+    """Linearised at a replay, by blocks of `BLOCK` frames; NaN for a replay that ended early."""
+    if not at.complete:
+        return Normal(np.full((1, len(PARAMETERS)), np.nan), np.full((1, len(PARAMETERS), len(PARAMETERS)), np.nan))
     r, w = _residual(scene, at)
-    J = np.stack([at.columns[n][on] / scene.noise_m[on][:, None] for n in PARAMETERS], -1)  # [n, 3, P]
-    each = np.einsum("n,ncp,nc->np", w, J, r)
-    block = np.nonzero(on)[0] // BLOCK
-    scores = np.stack([each[block == b].sum(0) for b in np.unique(block)])
-    return each.sum(0), np.einsum("n,ncp,ncq->pq", w, J, J), scores
-
-
-def _covariance(scene: Scene, at: Replay) -> Array:
-    g, A, scores = _normal_equations(scene, at)
-    B = len(scores)
-    inverse = np.linalg.pinv(A)
-    spread = scores - g / B
-    return inverse @ (np.einsum("bp,bq->pq", spread, spread) * B / max(B - 1, 1)) @ inverse + inverse
+    J = scene.whitened(np.stack([at.columns[n] for n in PARAMETERS], -1))  # [n, 3, P]
+    g, A = np.einsum("n,ncp,nc->np", w, J, r), np.einsum("n,ncp,ncq->npq", w, J, J)
+    block = (np.nonzero(scene.compared)[0] - 1) // BLOCK
+    present = np.unique(block)
+    return Normal(np.stack([g[block == b].sum(0) for b in present]), np.stack([A[block == b].sum(0) for b in present]))
 
 
 def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:
     misfit = (scene.observed - at.x)[scene.compared]
     rms = float(1e3 * np.sqrt(np.mean(np.sum(misfit**2, 1))))
-    return {"loss": _loss(scene, at), "rms_mm": rms, "kappa_s": fabric.membrane, "kappa_b": fabric.bending}
+    return {"loss": loss(scene, at), "rms_mm": rms, "kappa_s": fabric.membrane, "kappa_b": fabric.bending, "seconds": at.seconds}

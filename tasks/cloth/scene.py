@@ -1,11 +1,14 @@
 """What one garment is fitted on: its cloth, what drives it, and what was observed of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
+from tasks.cloth.perseverance import PATIENT, Drive, Patience, persevere
+from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings
 
 Array = NDArray[np.float64]
 
@@ -15,7 +18,7 @@ class Scene:
     """One garment over T frames.
 
     collider_motion [T, C, 3] m; boundary_motion [T, B, 3] m; start x0 [V, 3] m and v0 [V, 3] m/s; observed [T, V, 3] m (NaN where not seen);
-    noise_m [T, V], the standard deviation of an observed coordinate; fps [1/s].
+    noise_m [T, V], the standard deviation of an observed coordinate; fps [1/s]; noise_cov [T, V, 3, 3] m² where the tracker gives one.
     """
 
     cloth: Cloth
@@ -28,6 +31,8 @@ class Scene:
     noise_m: Array
     fps: float
     settings: Settings
+    patience: Patience = PATIENT
+    noise_cov: Array | None = None
 
     @property
     def compared(self) -> NDArray[np.bool_]:
@@ -38,15 +43,30 @@ class Scene:
         compared[0] = False
         return compared
 
+    def whitened(self, d: Array) -> Array:
+        """Differences d [T, V, 3, ...] m at what is compared, in standard deviations of the observation [n, 3, ...]."""
+        on = self.compared
+        if self.noise_cov is None:
+            return d[on] / self.noise_m[on].reshape(-1, *(1,) * (d.ndim - 2))
+        L = np.linalg.cholesky(self.noise_cov[on])
+        return np.linalg.solve(L, d[on].reshape(len(L), 3, -1)).reshape(d[on].shape)
+
+    @property
+    def drive(self) -> Drive:
+        """What is simulated."""
+        return Drive(self.cloth, self.collider, self.collider_motion, self.boundary_motion, self.x0, self.v0, self.fps)
+
 
 @dataclass(frozen=True)
 class Replay:
-    """A simulation of the whole scene: x [T, V, 3] m, columns name -> ∂x/∂θ [T, V, 3], Newton iterations, and how it ended."""
+    """A simulation of the whole scene: x [T, V, 3] m, columns name -> ∂x/∂θ [T, V, 3], Newton iterations, how it ended and what was retried."""
 
     x: Array
     columns: dict[str, Array]
     newton_iterations: int
     ending: str
+    reasons: tuple[str, ...] = ()
+    seconds: float = 0.0
 
     @property
     def complete(self) -> bool:
@@ -54,24 +74,35 @@ class Replay:
         return self.ending == "converged"
 
 
-def replay(scene: Scene, fabric: Fabric, *, tangents: tuple[str, ...] = ()) -> Replay:
+class FrameMemory:
+    """Keeps the frames of a replay in progress where a killed process leaves them. This one forgets; the door has one that writes."""
+
+    def recall(self, fabric: Fabric) -> Sequence[Frame]:
+        """Frames kept of a replay with this fabric, once: they are forgotten then."""
+        return ()
+
+    def keep(self, fabric: Fabric, frames: Sequence[Frame]) -> None:
+        """Remember the frames so far."""
+
+
+FORGETFUL = FrameMemory()
+
+
+def replay(scene: Scene, fabric: Fabric, *, tangents: tuple[str, ...] = (), memory: FrameMemory = FORGETFUL) -> Replay:
     """Simulate the scene with a fabric, with the tangents of these parameters."""
-    frames = list(
-        simulate(
-            scene.cloth,
-            fabric,
-            scene.collider,
-            collider_motion=scene.collider_motion,
-            boundary_motion=scene.boundary_motion,
-            fps=scene.fps,
-            x0=scene.x0,
-            v0=scene.v0,
-            settings=scene.settings,
-            tangents=tangents,
-        )
+    journey = persevere(
+        scene.drive,
+        fabric,
+        scene.settings,
+        tangents=tangents,
+        patience=scene.patience,
+        kept=memory.recall(fabric),
+        on_frame=partial(memory.keep, fabric),
     )
-    columns = {name: np.stack([frame.tangents[name][0] for frame in frames]) for name in tangents}
-    return Replay(np.stack([frame.x for frame in frames]), columns, sum(f.newton_iterations for f in frames), frames[-1].ending)
+    frames = journey.frames
+    columns = {name: np.stack([frame.tangents[name][0] for frame in frames]) for name in tangents if frames and name in frames[-1].tangents}
+    newton, seconds = sum(f.newton_iterations for f in frames), sum(f.seconds for f in frames)
+    return Replay(np.stack([f.x for f in frames]), columns, newton, journey.ending, journey.reasons, seconds)
 
 
 def window(scene: Scene, frames: slice, x0: Array, v0: Array) -> Scene:
@@ -82,6 +113,7 @@ def window(scene: Scene, frames: slice, x0: Array, v0: Array) -> Scene:
         boundary_motion=scene.boundary_motion[frames],
         observed=scene.observed[frames],
         noise_m=scene.noise_m[frames],
+        noise_cov=None if scene.noise_cov is None else scene.noise_cov[frames],
         x0=x0,
         v0=v0,
     )

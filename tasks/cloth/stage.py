@@ -1,7 +1,6 @@
-"""The door of cloth: cut out each garment, fit its fabric to the tracked motion, publish the fabric and how it then moves."""
+"""The doors of cloth: garments of a recorded actor, or of anybody's tracked geometry. Fit each fabric, publish it and how it then moves."""
 
-import json
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,58 +11,116 @@ from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth as ClothRecord
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
-from tasks.child_process import run_in_children
+from tasks.capture.tracked_geometry import read_tracked_geometry
+from tasks.child_process import ChildFailed, ChildTimedOut, Pool, run_in_children
+from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
 from tasks.cloth.boundary import fastened_nodes
+from tasks.cloth.checkpoints import FrameFile, load_descent, load_progress, save_descent, save_progress
 from tasks.cloth.collider import fitted_collider
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments
-from tasks.cloth.gauss_newton import Fit, Progress, fit
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, normal_equations
+from tasks.cloth.knowledge import knowledge
+from tasks.cloth.perseverance import Patience
 from tasks.cloth.rest_shape import pattern
-from tasks.cloth.scene import Scene
+from tasks.cloth.scene import Scene, replay
 from tasks.cloth.start import start_velocity
+from tasks.cloth.tracked_scene import tracked_scene
 from tasks.geometry.faults import BadInput, Fault
 from tasks.simulator import Cloth, Collider, Fabric, Settings
 from tasks.skinning.linear_blend import repose
-from tasks.stage import Job, Parameters, stage
+from tasks.stage import Folder, Job, Parameters, stage
 
 
-class ClothParameters(Parameters):
-    """Start values in the seed's units (ρ kg/m³, κ_s, κ_b), what drives the boundary nodes, the rest shape (`pattern` where
-    the atlas is one, else as worn), and how the fit is computed."""
+GAUSS_NEWTON_ITERATIONS = 8
 
+
+class FitParameters(Parameters):
+    """How a fabric is fitted. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 8 by tangents, 100 by differences.
+
+    attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
+    """
+
+    method: Literal["gauss-newton", "adam-fd"] = "gauss-newton"
+    as_released: bool = False
     density: float = 320.0
     membrane: float = 4.0
     bending: float = 60.0
     friction: float = 0.2
     boundary: Literal["tracked", "skinned"] = "tracked"
-    rest: Literal["pattern", "worn"] = "pattern"
-    iterations: int = 4
+    iterations: int | None = None
     substeps: int = 4
     frames: int = 24
+    profiles: bool = False
+    attempts: int = 3
+    frame_s: float = 600.0
     limit_s: float = 3600.0
+
+    @property
+    def fabric(self) -> Fabric:
+        """Where the search starts; Algorithm 1 has a start of its own within its ranges."""
+        if self.method == "adam-fd":
+            return Fabric(self.density, 1.0, 1.0, self.friction)
+        return Fabric(self.density, self.membrane, self.bending, self.friction)
+
+
+class ClothParameters(FitParameters):
+    """Also: the rest shape, `pattern` where the atlas is one, else as worn."""
+
+    rest: Literal["pattern", "worn"] = "pattern"
+
+
+class TrackParameters(FitParameters):
+    """Also: the file or folder of tracked geometry; fps and up where it does not say; at_rest: the garment is still in its first frame."""
+
+    track: Folder = None
+    fps: float | None = None
+    up: Literal["y", "z"] | None = None
+    at_rest: bool = False
+
+
+@dataclass(frozen=True)
+class Work:
+    """One garment to fit; `otherwise` is its scene with the boundary driven the other way, `weighed`: its density is known."""
+
+    name: str
+    scene: Scene
+    fabric: Fabric
+    otherwise: Scene | None = None
+    weighed: bool = False
 
 
 @stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1)
 def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> ClothRecord:
-    """Fit all garments, two at a time, each in a child process that can be killed and goes on where it was."""
+    """Fit all garments of an actor, two at a time."""
     worn = _garments(tracking)
     if not worn:
         raise BadInput(
             [Fault("template", "it has no part but 'body'", "Group the garments' faces by name (g skirt, g top …) in the template.")]
         )
-    scenes = [_scene(garment, capture, body, tracking, skinning, parameters) for garment in worn]
-    arguments = [(scene, parameters, str(job.checkpoint / f"{g.name}.json")) for g, scene in zip(worn, scenes)]
-    told = [0.0] * len(worn)
+    work = [Work(g.name, _scene(g, capture, body, tracking, skinning, parameters), parameters.fabric) for g in worn]
+    return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
-    def on_message(index: int, message: dict[str, Any]) -> None:
-        told[index] = message["fraction"]
-        job.progress(float(np.mean(told)), f"{worn[index].name}: {message['rms_mm']:.1f} mm")
 
-    fits = run_in_children(_fit, arguments, limit_s=parameters.limit_s, on_message=on_message)
-    for garment, found in zip(worn, fits):
-        if not found.replay.complete:
-            job.warn(f"{garment.name}: {found.ending}")
-    return _as_record(worn, scenes, fits)
+@stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1)
+def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
+    """Fit one garment of which somebody else's tracker tells the motion; needs no other stage."""
+    path = parameters.track
+    track = read_tracked_geometry(path, fps=parameters.fps, up=parameters.up)
+    found = tracked_scene(
+        track,
+        name=str(path),
+        driver=parameters.boundary,
+        frames=parameters.frames,
+        at_rest=parameters.at_rest,
+        fabric=parameters.fabric,
+        settings=Settings(substeps=parameters.substeps),
+        patience=Patience(parameters.attempts, parameters.frame_s),
+    )
+    for said in (*track.warnings, *found.chosen):
+        job.warn(said)
+    work = Work("garment", found.scene, found.fabric, found.otherwise, found.weighed)
+    return _as_record([work], _fits(job, [work], parameters), index=[np.arange(len(found.scene.x0), dtype=np.int32)], said=found.chosen)
 
 
 def _garments(tracking: Tracking) -> list[Garment]:
@@ -96,40 +153,95 @@ def _scene(garment: Garment, capture: Capture, body: Body, tracking: Tracking, s
         noise_m=garment.noise_m[frames],
         fps=capture.fps,
         settings=Settings(substeps=parameters.substeps),
+        patience=Patience(parameters.attempts, parameters.frame_s),
     )
 
 
-def _fit(scene: Scene, parameters: ClothParameters, checkpoint: str, tell: Any) -> Fit:
-    """Runs in a child process; a killed fit goes on with the iteration it was in."""
-    saved = Path(checkpoint)
-    start = Progress(Fabric(parameters.density, parameters.membrane, parameters.bending, parameters.friction))
-    if saved.exists():
-        kept = json.loads(saved.read_text())
-        start = Progress(Fabric(**kept["fabric"]), kept["damping"], tuple(kept["history"]))
+Fitted = tuple[Scene, Fit, dict[str, Any]]
+
+
+def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
+    """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried."""
+    fitted = (
+        [_by_differences(job, each, parameters) for each in work] if parameters.method == "adam-fd" else _by_tangents(job, work, parameters)
+    )
+    for each, (_, found, _) in zip(work, fitted):
+        for said in (*found.reasons, *([] if found.replay.complete else [found.ending])):
+            job.warn(f"{each.name}: {said}")
+    return fitted
+
+
+def _by_tangents(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
+    """Gauss–Newton, two garments at a time, each in a child process; a killed one goes on where it was."""
+    arguments = [(each, parameters, str(job.checkpoint)) for each in work]
+    told = [0.0] * len(work)
+
+    def on_message(index: int, message: dict[str, Any]) -> None:
+        told[index] = message["fraction"]
+        job.progress(float(np.mean(told)), f"{work[index].name}: {message['rms_mm']:.1f} mm")
+
+    for attempt in range(1, parameters.attempts + 1):
+        try:
+            return run_in_children(_fit, arguments, limit_s=parameters.limit_s, on_message=on_message)
+        except (ChildFailed, ChildTimedOut) as error:
+            if attempt == parameters.attempts:
+                raise
+            job.warn(f"{error}; going on from the last frame (attempt {attempt + 1} of {parameters.attempts})")
+            job.notes.append(str(error))
+    raise AssertionError("unreachable")
+
+
+def _fit(work: Work, parameters: FitParameters, checkpoint: str, tell: Any) -> Fitted:
+    """Runs in a child process."""
+    saved, memory = Path(checkpoint) / f"{work.name}.json", FrameFile(Path(checkpoint) / f"{work.name}.npz")
+    iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
 
     def on_iteration(progress: Progress) -> None:
-        aside = saved.with_suffix(".tmp")
-        aside.write_text(json.dumps({"fabric": asdict(progress.fabric), "damping": progress.damping, "history": progress.history}))
-        aside.replace(saved)
-        tell({"fraction": len(progress.history) / (parameters.iterations + 1), "rms_mm": progress.history[-1]["rms_mm"]})
+        save_progress(saved, progress)
+        tell({"fraction": len(progress.history) / (iterations + 1), "rms_mm": progress.history[-1]["rms_mm"]})
 
-    return fit(scene, start, iterations=parameters.iterations, on_iteration=on_iteration)
+    start = load_progress(saved, work.fabric)
+    found = fit(work.scene, start, iterations=iterations, on_iteration=on_iteration, memory=memory)
+    return work.scene, found, knowledge(work.scene, found, otherwise=work.otherwise, profiles=parameters.profiles)
 
 
-def _as_record(worn: list[Garment], scenes: list[Scene], fits: list[Fit]) -> ClothRecord:
-    counts = [len(g.index) for g in worn]
+def _by_differences(job: Job, work: Work, parameters: FitParameters) -> Fitted:
+    """Algorithm 1, its four simulations of an iteration in two processes."""
+    scene, saved = as_algorithm_1(work.scene), job.checkpoint / f"{work.name}.json"
+    iterations = parameters.iterations or ITERATIONS
+
+    def on_iteration(descent: Descent) -> None:
+        save_descent(saved, descent)
+        job.progress(len(descent.history) / iterations, f"{work.name}: {descent.history[-1]['rms_mm']:.1f} mm")
+
+    start = load_descent(saved, Descent.at([work.fabric.density, work.fabric.membrane, work.fabric.bending]))
+    with Pool(limit_s=parameters.limit_s, attempts=parameters.attempts) as pool:
+        descent = descend(
+            scene, work.fabric, start, iterations=iterations, as_released=parameters.as_released, run=pool.map, on_iteration=on_iteration
+        )
+    fabric = found_fabric(work.fabric, descent, density=work.fabric.density if work.weighed else None)
+    last = replay(scene, fabric, tangents=PARAMETERS)
+    found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending, tuple(pool.reasons))
+    return scene, found, knowledge(scene, found, profiles=parameters.profiles)
+
+
+def _as_record(work: list[Work], fitted: list[Fitted], *, index: list[np.ndarray], said: tuple[str, ...] = ()) -> ClothRecord:
+    counts = [len(i) for i in index]
     offset = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    fits = [found for _, found, _ in fitted]
     frames = min(len(f.replay.x) for f in fits)
-    boundary = [np.isin(np.arange(n), s.cloth.boundary) for n, s in zip(counts, scenes)]
+    boundary = [np.isin(np.arange(n), scene.cloth.boundary) for n, (scene, _, _) in zip(counts, fitted)]
+    faces = [scene.cloth.faces + o for (scene, _, _), o in zip(fitted, offset)]
     return ClothRecord(
-        garment_names=tuple(g.name for g in worn),
-        vertices_index=np.concatenate([g.index for g in worn]).astype(np.int32),
-        garment_of_vertex=np.repeat(np.arange(len(worn)), counts).astype(np.int32),
+        garment_names=tuple(w.name for w in work),
+        vertices_index=np.concatenate(index).astype(np.int32),
+        garment_of_vertex=np.repeat(np.arange(len(work)), counts).astype(np.int32),
         simulated=np.concatenate([f.replay.x[:frames] for f in fits], 1).astype(np.float32),
-        faces=np.concatenate([g.faces + o for g, o in zip(worn, offset)]).astype(np.int32),
+        faces=np.concatenate(faces).astype(np.int32),
         boundary=np.concatenate(boundary),
-        parameters={g.name: estimates(s, f) for g, s, f in zip(worn, scenes, fits)},
-        loss_history={g.name: list(f.history) for g, f in zip(worn, fits)},
-        timing={g.name: {"newton_iterations": f.replay.newton_iterations} for g, f in zip(worn, fits)},
-        endings=tuple(f"{g.name}: {f.ending}" for g, f in zip(worn, fits)),
+        parameters={w.name: estimates(scene, found, weighed=w.weighed) for w, (scene, found, _) in zip(work, fitted)},
+        loss_history={w.name: list(f.history) for w, f in zip(work, fits)},
+        timing={w.name: {"newton_iterations": f.replay.newton_iterations} for w, f in zip(work, fits)},
+        endings=(*said, *(f"{w.name}: {line}" for w, f in zip(work, fits) for line in (f.ending, *f.reasons))),
+        knowledge={w.name: known for w, (_, _, known) in zip(work, fitted)},
     )

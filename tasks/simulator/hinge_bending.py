@@ -85,6 +85,11 @@ def angle_gradients(x: Array, hinges: Indices) -> Array:
     return _angle_gradients(x, hinges)
 
 
+def angle_hessians(x: Array, hinges: Indices) -> Array:
+    """∂²θ/∂(a, b, c, d)² [H, 12, 12] 1/m² (order: vertex, then axis)."""
+    return _angle_hessians(x, hinges)
+
+
 @njit(cache=True, nogil=True)
 def _angles(x, hinges):
     θ = np.empty(len(hinges))
@@ -104,6 +109,16 @@ def _angle_gradients(x, hinges):
             for k in range(3):
                 G[i, p, k] = α[0, p] * w[0, k] + α[1, p] * w[1, k]
     return G
+
+
+@njit(cache=True, nogil=True)
+def _angle_hessians(x, hinges):
+    H = np.zeros((len(hinges), 12, 12))
+    e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
+    for i in range(len(hinges)):
+        _measure(x, hinges[i], e, w, α)
+        _add_angle_hessian(H[i], 1.0, x, hinges[i], e, w, α)
+    return H
 
 
 @njit(cache=True, nogil=True)

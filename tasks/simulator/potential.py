@@ -76,6 +76,9 @@ class Blocks:
         return total
 
 
+NO_STIFFNESS = Blocks(np.empty((0, 1), np.int32), np.empty((0, 3, 3)))
+
+
 class Potential(Protocol):
     """One term. `parameters` names the θ that `parameter_gradient` can differentiate with respect to."""
 
@@ -103,3 +106,12 @@ class Potential(Protocol):
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array | None:
         """∂∇P/∂(history)·d [K, V, 3] at fixed x; None where the term knows no history."""
         return None
+
+    def begin(self, x: Array) -> None:
+        """The motion begins at x [V, 3]: a term with a memory starts it, without derivatives."""
+
+    def accept(self, x: Array, step: Step) -> None:
+        """The step is kept and ended at x [V, 3]: a term with a memory moves it on. Steps that are tried in vain are never accepted."""
+
+    def accept_tangent(self, x: Array, step: Step, dx: Array, d: StepTangent, names: tuple[str, ...]) -> None:
+        """Move the derivatives of the memory on, given dx [K, V, 3] of the step's end; the columns are called `names`. Comes before `accept`."""

@@ -63,12 +63,14 @@ def simulate(
     tangents: Sequence[str] = (),
     start_modes: Modes | None = None,
     motion_modes: Modes | None = None,
+    collider_rest: Array | None = None,
 ) -> Iterator[Frame]:
     """Frames 0..T−1 of cloth driven by collider_motion [T, C, 3] m and boundary_motion [T, B, 3] m (order of cloth.boundary), at fps [1/s].
 
     Frame 0 is the start: x0 [V, 3] (default: at rest shape) and v0 [V, 3] (default: at rest). Between frames both motions are linear.
     potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3];
-    motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]).
+    motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]). collider_rest [C, 3] (default: its first frame) gives the
+    collider's areas of contact, which the derivatives hold fixed.
     Raises BadInput when arrays do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
     """
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
@@ -76,7 +78,8 @@ def simulate(
     collider_motion = np.asarray(collider_motion, float).reshape(len(collider_motion), -1, 3)
     boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
     refuse(_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0))
-    problem = base_problem(cloth, fabric, collider, collider_motion[0], settings=settings, potentials=potentials)
+    areas_of = collider_motion[0] if collider_rest is None else collider_rest
+    problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
     return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {})
 
@@ -125,6 +128,8 @@ class _Walk:
             separate(self.problem, self.cloth, self.collider, x, collider) if self.settings.separate_start else self._checked(x, collider)
         )
         self.now = self.before = State(free.x, v, collider)
+        for potential in self.problem.potentials:
+            potential.begin(free.x)
         return free
 
     def report(self, index: int, ending: str, iterations: int, clock: float, moved: float = 0.0) -> Frame:
@@ -182,6 +187,8 @@ class _Walk:
     def _accept(self, solution: Solution, step: Step, r: Rule, share: float) -> None:
         if self.columns:
             self.columns.advance(solution.x, step, r, frame=self.index, share=share)
+        for potential in self.problem.potentials:
+            potential.accept(solution.x, step)
         self.before, self.now = self.now, State(solution.x, step.velocity(solution.x), step.collider)
         self.h_previous = r.h
 

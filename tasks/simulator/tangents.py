@@ -56,6 +56,8 @@ class Tangents:
         hessians = problem.hessians(x, step, convex=False)
         rhs = self._forces(x, step, d) - _times(hessians, fixed)
         dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T) + fixed
+        for potential in problem.potentials:
+            potential.accept_tangent(x, step, dx, d, self.names)
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
         self.dx, self.dv, self.dc = dx, (dx - hat_x) / step.s, dc
 
@@ -81,12 +83,15 @@ class Tangents:
 
 
 def _times(hessians: Sequence[Blocks | csc_matrix], fixed: Array) -> Array:
-    """Answer [P, V, 3] of the free nodes' forces to a motion of the prescribed ones."""
+    """Answer [P, V, 3] of the free nodes' forces to a motion of the prescribed ones; most columns have none."""
     total = np.zeros_like(fixed)
-    if fixed.any():
-        flat = fixed.reshape(len(fixed), -1)
+    moving = np.flatnonzero(fixed.any((1, 2)))
+    if len(moving):
+        some = fixed[moving]
+        flat = some.reshape(len(some), -1)
         for H in hessians:
-            total += H.times(fixed) if isinstance(H, Blocks) else (H[: flat.shape[1], : flat.shape[1]] @ flat.T).T.reshape(fixed.shape)
+            product = H.times(some) if isinstance(H, Blocks) else (H[: flat.shape[1], : flat.shape[1]] @ flat.T).T.reshape(some.shape)
+            total[moving] += product
     return total
 
 

@@ -108,6 +108,7 @@ def examples() -> dict[str, Record]:
             loss_history=[3.0, 2.0],
             timing={"simulate": 1.5},
             endings=("converged",),
+            knowledge={"skirt": {"gauge": {"sentence": "only ratios"}}},
         ),
         Appearance(
             albedo=random.uniform(size=(6, 5, 3)).astype("float32"),

@@ -39,8 +39,8 @@ def demo_scores(
     for name, of in garment.items():
         scores[f"{name}: tracked vertices, rms error"] = {"value": vertex_rmse_mm(*vertices, of=of), "unit": "mm"}
     for name, found in fabric.items():
-        for parameter, estimate in found.items():
-            scores[f"{name}: {parameter}, estimate/truth"] = {"value": ratio(estimate, true_fabric[name][parameter]), "unit": "1"}
+        for parameter, true in true_fabric[name].items():
+            scores[f"{name}: {parameter}, estimate/truth"] = {"value": ratio(found[parameter], true), "unit": "1"}
     if np.isfinite(psnr).any():
         scores["image likeness, mean PSNR"] = {"value": float(np.nanmean(psnr)), "unit": "dB"}
     return scores

@@ -1,0 +1,79 @@
+"""`physavatar exam`: the blind check of the diagnosis."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import App, Parameter
+from rich.console import Console
+from rich.table import Table
+
+from flows.endings import OK, STAGE_FAILED
+
+app = App(name="exam", help="The blind check of the diagnosis.")
+Split = Literal["open", "sealed"]
+OUT, ERR = Console(), Console(stderr=True)
+
+
+@app.default
+def exam(
+    *,
+    cases: int = 160,
+    seed: int = 0,
+    split: Split = "open",
+    out: Path = Path("exam"),
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Make recordings with a hidden cause, let `gap run` name it, and score the answers. What was done before is kept.
+
+    Parameters
+    ----------
+    cases: How many; the full exam has 160.
+    seed: Which set of cases.
+    split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+    out: Folder of this exam.
+    json_: Machine-readable JSON on stdout.
+    """
+    from flows import exam as blind
+    from tasks.exam.scorer.page import page
+
+    folder = out / f"{split}-{seed}" if split == "open" else out / f"sealed-{seed}-{blind.version()[:12]}"
+    sitting = blind.Exam(blind.Folder(folder), cases, seed, split)
+    result = blind.sit(sitting, say=lambda line: ERR.print(line, markup=False, highlight=False))
+    (folder / "exam.html").write_text(page(result))
+    (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
+    if json_:
+        sys.stdout.write(json.dumps(result, indent=1) + "\n")
+    else:
+        _show(result["figures"])
+        ERR.print(f"page: {folder / 'exam.html'}", markup=False)
+    return OK if result["rows"] else STAGE_FAILED
+
+
+@app.command
+def generate(*, cases: int, out: Path, seed: int = 0, first: int = 0) -> int:
+    """Make the recordings of an open exam and stop there.
+
+    Parameters
+    ----------
+    cases: How many cases the exam has.
+    out: Folder of this exam; it gets cases/ and, apart, sealed.truth/.
+    seed: Which set of cases.
+    first: Number of the case to begin with.
+    """
+    from flows import exam as blind
+
+    wanted = blind.Exam(blind.Folder(out), cases, seed, "open").questions()[first:]
+    for number, what in blind.generate(blind.Folder(out), wanted):
+        sys.stdout.write(f"{blind.Folder(out).case(number)}\t{what}\n")
+        sys.stdout.flush()
+    return OK
+
+
+def _show(figures: list[dict[str, Any]]) -> None:
+    table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold")
+    for f in figures:
+        spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
+        table.add_row(f["metric"], "–" if f["value"] is None else f"{f['value']:.3g}", spread, str(f["cases"]))
+    OUT.print(table)

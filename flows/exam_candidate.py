@@ -1,0 +1,25 @@
+"""The command line as an examined process sees it: folders that end in `.truth`, and the exam's own code, are closed to it."""
+
+import sys
+
+CLOSED = (".truth", "tasks/exam", "exam-scoreboard")
+OPENING = {"open", "os.listdir", "os.scandir", "os.chdir", "os.link", "os.symlink", "os.rename", "shutil.copyfile"}
+STARTING = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"}
+
+
+def closed(event: str, arguments: tuple) -> None:
+    """Audit hook. Raises PermissionError for what an examined process may not do."""
+    if event == "import" and arguments[0].startswith("tasks.exam"):
+        raise PermissionError(f"{arguments[0]}: a diagnosis may not import its exam")
+    texts = [str(a, "utf-8", "replace") if isinstance(a, bytes) else str(a) for a in arguments[:2]]
+    if event in OPENING and any(name in text for text in texts for name in CLOSED):
+        raise PermissionError(f"{texts[0]}: a diagnosis may not open the truth it is judged by")
+    if event in STARTING and any(name in text for text in texts for name in CLOSED):
+        raise PermissionError(f"{texts[0]}: a diagnosis may not send others for the truth")
+
+
+if __name__ == "__main__":
+    sys.addaudithook(closed)
+    from flows.cli import main
+
+    main()

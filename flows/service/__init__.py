@@ -1,0 +1,1 @@
+"""The service: the same stages, dispatched to worker pools through a Prefect server."""

@@ -1,0 +1,69 @@
+"""The parent of one sequence: looks into the store, has the pools do what can be done next, and looks again."""
+
+import asyncio
+import hashlib
+from typing import Any
+
+from prefect import Flow, flow
+
+from flows.dataset import mark_finished
+from flows.request import Request
+from flows.service.cancellation import cancel_children
+from flows.service.dispatch import Work, WorkFailed, dispatch
+from flows.service.order import Service
+from flows.service.shown import show_stages
+from flows.service.survey import json_settings, survey
+from storage_schemas.reference import ArtifactRef
+from storage_schemas.store import Store
+
+
+def actor_flow(service: Service) -> Flow:
+    """The flow `actor`: one sequence of one actor through all pools."""
+
+    @flow(name="actor", flow_run_name="{actor} {sequence}", persist_result=False, on_cancellation=[cancel_children])
+    async def actor(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", queue: str = "single") -> None:
+        request, store = service.open(actor, sequence, until, settings)
+        mark_finished(request, store, await conduct(request, store, queue))
+
+    return actor
+
+
+async def conduct(request: Request, store: Store, queue: str) -> dict[str, ArtifactRef]:
+    """Dispatch until everything is in the store. Raises WorkFailed, once nothing more is under way, if any group failed."""
+    flying: dict[str, tuple[asyncio.Task, dict[str, str]]] = {}
+    failures: dict[str, str] = {}
+    while True:
+        found = survey(request, store)
+        for pool, stages in found.ready.items():
+            if pool not in flying and pool not in failures:
+                flying[pool] = asyncio.create_task(dispatch(_work(request, pool, stages, queue))), stages
+        await show_stages(request, found, {stage for _, stages in flying.values() for stage in stages}, failures)
+        if not flying:
+            break
+        await asyncio.wait([task for task, _ in flying.values()], return_when=asyncio.FIRST_COMPLETED)
+        for pool in [pool for pool, (task, _) in flying.items() if task.done()]:
+            task, stages = flying.pop(pool)
+            if reason := _failure(task, stages, survey(request, store).ready.get(pool, {})):
+                failures[pool] = reason
+    if failures:
+        raise WorkFailed("; ".join(failures.values()))
+    return found.done
+
+
+def _work(request: Request, pool: str, stages: dict[str, str], queue: str) -> Work:
+    place = f"{request.actor}/{request.sequence}"
+    digest = hashlib.sha256("".join([place, *sorted(stages.values())]).encode()).hexdigest()[:32]
+    parameters = {
+        "actor": request.actor,
+        "sequence": request.sequence,
+        "settings": json_settings(request.settings),
+        "until": request.until,
+    }
+    return Work(f"{pool}/service", parameters, f"{pool}-{digest}", f"{request.actor} {request.sequence}: {', '.join(stages)}", queue)
+
+
+def _failure(task: asyncio.Task, stages: dict[str, str], still_ready: dict[str, str]) -> str | None:
+    if task.exception() is not None:
+        return str(task.exception())
+    left = [stage for stage, key in stages.items() if still_ready.get(stage) == key]
+    return f"{', '.join(left)}: the run completed but its artifact is not in the store" if left else None

@@ -1,0 +1,182 @@
+"""The dataset flow: plans, submits what is new or changed, a few at a time, goes on past failures, and tells how each ended."""
+
+import asyncio
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from prefect import Flow, flow
+from prefect.artifacts import create_progress_artifact, create_table_artifact, update_progress_artifact
+
+from flows.dataset import DatasetParameters, Sequence, Standing, find_sequences, plan_dataset
+from flows.request import Request
+from flows.service.cancellation import cancel_children
+from flows.service.dispatch import Work, WorkFailed, dispatch
+from flows.service.hand_over import actor_work
+from flows.service.order import Service
+from flows.service.survey import json_settings, survey
+from storage_schemas.durable import make_folders, replace_file
+from storage_schemas.store import Store
+
+GPU_POOLS = frozenset({"tracking", "rendering"})
+FOLDER = ".datasets"
+SHOW_EVERY_S, ROWS_SHOWN = 10.0, 500
+
+
+@dataclass
+class Row:
+    """How one sequence of a campaign fared."""
+
+    actor: str
+    sequence: str
+    state: str
+    seconds: float = 0.0
+    why: str = ""
+
+
+@dataclass
+class Campaign:
+    """One run over a dataset, kept as JSON in <store>/.datasets so that it can be followed without a server."""
+
+    store: Path
+    id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%d-%H%M%S}")
+    started: float = field(default_factory=time.time)
+    state: str = "running"
+    gpu_seconds: float = 0.0
+    rows: dict[str, Row] = field(default_factory=dict)
+
+    def set(self, standing: Standing, state: str, seconds: float = 0.0, why: str = "") -> None:
+        """One sequence has come further."""
+        self.rows[f"{standing.actor}/{standing.sequence}"] = Row(standing.actor, standing.sequence, state, round(seconds, 1), why)
+
+    def counts(self) -> dict[str, int]:
+        """How many sequences are in each state."""
+        states = [row.state for row in self.rows.values()]
+        return {state: states.count(state) for state in sorted(set(states))}
+
+    def write(self) -> None:
+        """Put it on disk, whole or not at all; a full disk must not end the campaign, it is tried again."""
+        folder = self.store / FOLDER
+        with suppress(OSError):
+            make_folders(folder)
+            replace_file(folder / f"{self.id}.json", json.dumps(self.as_json()).encode())
+
+    def as_json(self) -> dict[str, Any]:
+        """What `dataset status --json` prints."""
+        rows = [asdict(row) for row in self.rows.values()]
+        return {
+            "id": self.id,
+            "state": self.state,
+            "started": self.started,
+            "gpu_hours": round(self.gpu_seconds / 3600, 3),
+            "counts": self.counts(),
+            "rows": rows,
+        }
+
+
+def dataset_flow(service: Service) -> Flow:
+    """The flow `dataset`. Without settings, as when cron starts it, the worker's own configuration counts."""
+
+    @flow(name="dataset", persist_result=False, on_cancellation=[cancel_children])
+    async def dataset(settings: dict[str, Any] | None = None) -> None:
+        parsed = service.settings.model_validate(settings) if settings is not None else service.load()
+        await run_campaign(service, parsed, find_sequences(Path(parsed.data)))
+
+    return dataset
+
+
+async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequence]) -> Campaign:
+    """Process the sequences; the campaign as it ended. Raises WorkFailed at the end if any of them failed."""
+    store = Store(Path(settings.store))
+    campaign = Campaign(store.root)
+    wishes: DatasetParameters = settings.dataset
+
+    def request_of(at: Sequence) -> Request:
+        return service.request(at, settings, store)
+
+    due: list[tuple[Sequence, Standing]] = []
+    sequences = list(sequences)
+    for at, standing in zip(sequences, await asyncio.to_thread(lambda: list(plan_dataset(sequences, request_of, store)))):
+        campaign.set(standing, standing.state if standing.state in ("finished", "refused") else "queued", why=standing.why)
+        if standing.state not in ("finished", "refused"):
+            due.append((at, standing))
+    campaign.write()
+    show = asyncio.create_task(_keep_shown(campaign))
+    waiting = iter(due)
+    await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
+    show.cancel()
+    failed = [f"{row.actor} {row.sequence}: {row.why}" for row in campaign.rows.values() if row.state == "failed"]
+    campaign.state = "failed" if failed else "over quota" if "over quota" in campaign.counts() else "completed"
+    campaign.write()
+    await _show_table(campaign)
+    if failed:
+        raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {failed[0]}")
+    return campaign
+
+
+async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, request_of: Any, store: Store) -> None:
+    for at, standing in waiting:
+        if (reason := over_quota(campaign, wishes, store)) is not None:
+            campaign.set(standing, "over quota", why=reason)
+            continue
+        campaign.set(standing, "running")
+        start, request = time.monotonic(), request_of(at)
+        try:
+            await dispatch(actor_work(request, store, "batch"))
+        except WorkFailed as failed:
+            campaign.set(standing, "failed", time.monotonic() - start, str(failed))
+        else:
+            campaign.set(standing, "completed", time.monotonic() - start)
+            campaign.gpu_seconds += await asyncio.to_thread(_gpu_seconds, request, store, campaign.started)
+
+
+def dataset_work(settings: Any) -> Work:
+    """The dataset as this configuration sees it, as work for the service; paths made absolute, for workers run elsewhere."""
+    places = {"store": Path(settings.store).resolve(), "data": Path(settings.data).resolve()}
+    absolute = settings.model_copy(update=places)
+    parameters = json_settings(absolute) | {"dataset": settings.dataset.model_dump(mode="json")}
+    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()[:32]
+    return Work("dataset/service", {"settings": parameters}, f"dataset-{digest}", f"dataset {places['data'].name}")
+
+
+def over_quota(campaign: Campaign, wishes: DatasetParameters, store: Store) -> str | None:
+    """Why nothing more may be submitted, if so."""
+    if wishes.gpu_hours is not None and campaign.gpu_seconds >= 3600 * wishes.gpu_hours:
+        return f"{campaign.gpu_seconds / 3600:.2f} of {wishes.gpu_hours} GPU hours are used"
+    free = shutil.disk_usage(store.root).free / 1e9
+    if free < wishes.keep_free_gb:
+        return f"{free:.1f} GB free, {wishes.keep_free_gb} are kept"
+    if wishes.store_gb is not None and (size := store.size() / 1e9) > wishes.store_gb:
+        return f"the store holds {size:.2f} of {wishes.store_gb} GB"
+    return None
+
+
+def _gpu_seconds(request: Request, store: Store, since: float) -> float:
+    """What this campaign's artifacts of the GPU pools took."""
+    own = [ref for stage, ref in survey(request, store).done.items() if request.line.stages[stage].pool in GPU_POOLS]
+    made = [store.provenance(ref) for ref in own]
+    return sum(origin.seconds for origin in made if origin.started.timestamp() >= since)
+
+
+async def _keep_shown(campaign: Campaign) -> None:
+    progress = await create_progress_artifact(progress=0.0, key="dataset-progress", description="sequences that have ended")
+    while True:
+        counts, total = campaign.counts(), max(len(campaign.rows), 1)
+        left = counts.get("queued", 0) + counts.get("running", 0)
+        await update_progress_artifact(progress, progress=100 * (1 - left / total))
+        campaign.write()
+        await _show_table(campaign)
+        await asyncio.sleep(SHOW_EVERY_S)
+
+
+async def _show_table(campaign: Campaign) -> None:
+    told = [row for row in campaign.rows.values() if row.state != "finished"]
+    rows = [asdict(row) for row in sorted(told, key=lambda row: row.state)[:ROWS_SHOWN]]
+    await create_table_artifact(rows, key="dataset", description=f"{campaign.id}: {campaign.counts()}")

@@ -1,0 +1,88 @@
+"""From deploy/prefect.yaml to pools, queues and deployments on the server. Safe to repeat: what exists is brought up to date."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+from prefect.client.orchestration import PrefectClient
+from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
+from prefect.client.schemas.schedules import CronSchedule, IntervalSchedule
+from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
+from prefect.flows import load_flow_from_entrypoint
+from prefect.utilities.callables import parameter_schema
+from prefect.workers.utilities import get_default_base_job_template_for_infrastructure_type
+
+PREFECT_FILE = Path(__file__).parents[2] / "deploy" / "prefect.yaml"
+
+
+def read(file: Path = PREFECT_FILE) -> dict[str, Any]:
+    """The content of a prefect.yaml."""
+    return yaml.safe_load(file.read_text())
+
+
+async def deploy(
+    client: PrefectClient, described: dict[str, Any], *, kind: str = "process", variables: dict[str, Any] | None = None
+) -> None:
+    """Make all pools of one `kind` (process, docker, kubernetes) with `variables` as defaults of their jobs, then all deployments."""
+    for name, pool in described["pools"].items():
+        await _pool(client, name, kind, variables or {})
+        for queue, wanted in pool["queues"].items():
+            await _queue(client, name, queue, **wanted)
+    for deployment in described["deployments"]:
+        await _deployment(client, deployment)
+
+
+async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str, Any]) -> None:
+    template = await get_default_base_job_template_for_infrastructure_type(kind)
+    for variable, value in (({"env": {}} | _process_defaults() if kind == "process" else {}) | variables).items():
+        template["variables"]["properties"].setdefault(variable, {})["default"] = value
+    try:
+        await client.create_work_pool(WorkPoolCreate(name=name, type=kind, base_job_template=template))
+    except ObjectAlreadyExists:
+        await client.update_work_pool(name, WorkPoolUpdate(base_job_template=template))
+
+
+def _process_defaults() -> dict[str, Any]:
+    """A command spares the worker two more interpreters per run, which it would start to look for dependencies."""
+    return {"command": f"{sys.executable} -m prefect.engine"}
+
+
+async def _queue(client: PrefectClient, pool: str, name: str, priority: int, limit: int | None = None) -> None:
+    try:
+        queue = await client.read_work_queue_by_name(name, work_pool_name=pool)
+    except ObjectNotFound:
+        queue = await client.create_work_queue(name, work_pool_name=pool)
+    await client.update_work_queue(queue.id, priority=priority, concurrency_limit=limit)
+
+
+async def _deployment(client: PrefectClient, described: dict[str, Any]) -> None:
+    flow = load_flow_from_entrypoint(described["entrypoint"])
+    limit = described.get("concurrency_limit") or {}
+    await client.create_deployment(
+        flow_id=await client.create_flow(flow),
+        name=described["name"],
+        description=described.get("description"),
+        tags=described.get("tags", []),
+        entrypoint=described["entrypoint"],
+        work_pool_name=described["work_pool"]["name"],
+        work_queue_name=described["work_pool"]["work_queue_name"],
+        parameters=described.get("parameters", {}),
+        parameter_openapi_schema=parameter_schema(flow).model_dump_for_openapi(),
+        schedules=[_schedule(schedule) for schedule in described.get("schedules", [])],
+        enforce_parameter_schema=True,
+        **(
+            {"concurrency_limit": limit["limit"], "concurrency_options": {"collision_strategy": limit["collision_strategy"]}}
+            if limit
+            else {}
+        ),
+    )
+
+
+def _schedule(described: dict[str, Any]) -> DeploymentScheduleCreate:
+    times = (
+        CronSchedule(cron=described["cron"], timezone=described.get("timezone", "UTC"))
+        if "cron" in described
+        else IntervalSchedule(interval=described["interval"])
+    )
+    return DeploymentScheduleCreate(schedule=times, active=described["active"], parameters=described.get("parameters", {}))

@@ -1,0 +1,107 @@
+"""The one way in which a flow has another flow run elsewhere.
+
+    await dispatch(Work("vision/service", parameters, key="vision-3f0a…", name="ann walk: vision"))
+
+Equal keys are one piece of work: whoever asks again while it is under way waits for the same run. A run that crashed (its process or
+machine is gone) is submitted again, three times at most; any other ending but Completed raises. The server may be away for minutes.
+Work that no flow asked for has no parent to do that: the sweeper submits it again, and whoever waits goes on waiting.
+Children carry the tag `parent:<run>`, by which cancelling a run reaches them (`cancellation.py`).
+"""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import httpx
+from prefect.client.orchestration import PrefectClient, get_client
+from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterIdempotencyKey
+from prefect.client.schemas.objects import FlowRun
+from prefect.deployments import arun_deployment
+from prefect.exceptions import PrefectHTTPStatusError
+from prefect.runtime import flow_run as this_run
+
+CRASHES = 3
+POLL_S = 2.0
+PATIENCE_S = 300.0
+RUNS_PER_KEY = 200  # the longest list the API returns at once
+
+T = TypeVar("T")
+
+
+class WorkFailed(RuntimeError):
+    """A child that ended otherwise than Completed; the text says which, how and why."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What to run: deployment `flow/name`, JSON parameters, the key that makes two requests one, and the name people see."""
+
+    deployment: str
+    parameters: dict[str, Any]
+    key: str
+    name: str
+    queue: str | None = None
+
+
+async def dispatch(work: Work) -> FlowRun:
+    """Have it run and wait; the completed run. Raises WorkFailed."""
+    message = ""
+    async with get_client() as client:
+        for _ in range(1 + CRASHES):
+            run = await _ended(client, await submit(client, work))
+            if run.state.is_completed():
+                return run
+            message = run.state.message or "no reason given"
+            if not run.state.is_crashed():
+                raise WorkFailed(f"{work.name}: {run.state.name}: {message}")
+    raise WorkFailed(f"{work.name}: crashed {1 + CRASHES} times, the last time: {message}")
+
+
+async def submit(client: PrefectClient, work: Work) -> FlowRun:
+    """The run of this work that is under way, or a new one."""
+    keys = [f"{work.key}-{n}" for n in range(RUNS_PER_KEY)]
+    wanted = FlowRunFilter(idempotency_key=FlowRunFilterIdempotencyKey(any_=keys))
+    past = await patiently(lambda: client.read_flow_runs(flow_run_filter=wanted, limit=RUNS_PER_KEY))
+    for run in past:
+        if not run.state.is_final():
+            return run
+    if len(past) == RUNS_PER_KEY:
+        raise WorkFailed(f"{work.name}: has run {RUNS_PER_KEY} times; look at why before it runs again")
+    create = {"parameters": work.parameters, "flow_run_name": work.name, "work_queue_name": work.queue, "timeout": 0}
+    return await patiently(
+        lambda: arun_deployment(work.deployment, client=client, idempotency_key=keys[len(past)], tags=_family(), **create)
+    )
+
+
+async def patiently(ask: Callable[[], Awaitable[T]], patience_s: float = PATIENCE_S) -> T:
+    """The server's answer, asked for again while it is down or overloaded; raises its last refusal after `patience_s`."""
+    until, pause = time.monotonic() + patience_s, 0.5
+    while True:
+        try:
+            return await ask()
+        except (httpx.TransportError, PrefectHTTPStatusError) as refused:
+            if time.monotonic() > until or not _passing(refused):
+                raise
+        await asyncio.sleep(pause)
+        pause = min(2 * pause, 15.0)
+
+
+def _passing(refused: Exception) -> bool:
+    if not isinstance(refused, PrefectHTTPStatusError):
+        return True
+    status = refused.response.status_code
+    return status == httpx.codes.TOO_MANY_REQUESTS or status >= httpx.codes.INTERNAL_SERVER_ERROR
+
+
+async def _ended(client: PrefectClient, run: FlowRun) -> FlowRun:
+    while not run.state.is_final() or (run.state.is_crashed() and not _family()):
+        await asyncio.sleep(POLL_S)
+        run = await patiently(partial(client.read_flow_run, run.id))
+    return run
+
+
+def _family() -> list[str]:
+    return [f"parent:{this_run.id}"] if this_run.id else []

@@ -1,0 +1,51 @@
+"""A stage group: all stages of one worker pool that have their inputs, for one sequence, in one process on one worker."""
+
+from typing import Any
+
+from prefect import Flow, flow
+
+from flows.request import Request, run_stage
+from flows.runs import RunRecord
+from flows.service.leftovers import end_orphans
+from flows.service.order import Service
+from flows.service.pictures import show_pictures
+from flows.service.results import refuse_foreign_records
+from flows.service.shown import Shown
+from storage_schemas.reference import ArtifactRef
+from storage_schemas.store import Store
+from tasks.stage import Stage
+
+
+def group_flow(service: Service, pool: str) -> Flow:
+    """The flow that workers of `pool` run."""
+
+    @flow(name=pool, persist_result=False)  # whoever dispatches names the run after its stages
+    def group(actor: str, sequence: str, settings: dict[str, Any], until: str = "report") -> None:
+        refuse_foreign_records()
+        end_orphans()
+        request, store = service.open(actor, sequence, until, settings)
+        advance(request, store, pool)
+
+    return group
+
+
+def advance(request: Request, store: Store, pool: str) -> dict[str, ArtifactRef]:
+    """Take what is in the store, compute what belongs to `pool`, stop where another pool must come first; returns what is done."""
+    record = RunRecord(store.root, request.actor, request.sequence, listen=Shown(request.actor, request.sequence))
+
+    def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
+        if any(ref is None for ref in inputs.values()):
+            return None
+        ref = store.find(request.actor, request.sequence, stage.name, stage.key(inputs, request.parameters(stage, done, store)))
+        if ref is None and stage.pool == pool:
+            ref = run_stage(request, store, record, stage, inputs, done)
+            show_pictures(store, ref, request.recording)
+        return ref
+
+    try:
+        done = request.line.walk(request.until, bring)
+    except BaseException as error:
+        record.end("failed", f"{type(error).__name__}: {error}".splitlines()[0])
+        raise
+    record.end("completed")
+    return done

@@ -1,0 +1,32 @@
+"""What an operator can set about the service: [service] in physavatar.toml, or PHYSAVATAR_SERVICE__… in the environment."""
+
+import os
+from pathlib import Path
+
+from pydantic import Field, SecretStr
+
+from tasks.stage import Parameters
+
+POOLS = ("vision", "tracking", "simulation", "rendering", "orchestration")
+
+
+class ServiceParameters(Parameters):
+    """host, port: where the server listens; url: a server elsewhere (then `up` starts workers only); database: SQLAlchemy URL of
+    PostgreSQL (else SQLite in the home folder); auth: `user:password` of the server; workers: pool → how many runs at once on this
+    machine; notify: Apprise URL told of failures. Secrets are shown nowhere."""
+
+    host: str = "127.0.0.1"
+    port: int = 4200
+    url: str | None = None
+    database: SecretStr | None = None
+    auth: SecretStr | None = None
+    notify: SecretStr | None = None
+    workers: dict[str, int] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
+    poll_s: float = 2.0
+
+
+def home() -> Path:
+    """The service's own folder on this machine (PHYSAVATAR_HOME, default ~/.physavatar): Prefect's home, passwords, who runs."""
+    folder = Path(os.environ.get("PHYSAVATAR_HOME", "~/.physavatar")).expanduser()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return folder

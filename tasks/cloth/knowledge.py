@@ -1,0 +1,100 @@
+"""What can be known of a fit beyond its interval: the gauge, the profile of the loss, another interval, and what the choices change.
+
+* gauge: the loss along c·(ρ, κ_s, κ_b), simulated; flat where the base model is all there is.
+* profile: the loss at other values of one parameter, the other one following along the valley; Δ is in units of the loss at the optimum.
+* bootstrap: blocks of frames drawn anew, one Gauss–Newton step each from the optimum (Kline & Santos 2012: no simulation is run again).
+* a choice (half the time step, another driver of the boundary): one more Gauss–Newton step from the optimum on the altered scene, less the
+  step that is left on the scene itself. Numerical damping is absorbed by stiffness, so what the half step changes is no interval of any other kind.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.estimates import GAUGE, LEAST_KNOWN
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, further_step, loss, moved
+from tasks.cloth.scene import Scene, replay
+from tasks.simulator import Fabric
+
+Array = NDArray[np.float64]
+
+NAMES = dict(zip(PARAMETERS, ("kappa_s_over_rho", "kappa_b_over_rho")))
+DRAWS = 500
+FACTORS = (0.5, 2.0)
+OFFSETS = (-2.0, -1.0, 1.0, 2.0)  # standard deviations
+
+
+def knowledge(scene: Scene, fit: Fit, *, otherwise: Scene | None = None, profiles: bool = False) -> dict[str, Any]:
+    """Everything above as JSON; `otherwise` is the scene with its boundary driven the other way. Empty where the fit failed."""
+    if not fit.replay.complete:
+        return {}
+    found = {
+        "gauge": gauge(scene, fit.fabric) if profiles else {"sentence": GAUGE},
+        "bootstrap": intervals(fit.fabric, bootstrap(fit.normal)),
+        "half_step": half_step(scene, fit),
+    }
+    if otherwise is not None:
+        found["other_boundary"] = altered(otherwise, fit, "with the boundary driven the other way")
+    if profiles:
+        found["profile"] = {NAMES[name]: profile(scene, fit, p) for p, name in enumerate(PARAMETERS)}
+    return found
+
+
+def gauge(scene: Scene, fabric: Fabric, factors: Sequence[float] = FACTORS) -> dict[str, Any]:
+    """Losses at c·(ρ, κ_s, κ_b), and the sentence."""
+    rows = []
+    for c in (1.0, *factors):
+        now = replay(scene, replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending))
+        rows.append({"factor": c, "loss": loss(scene, now) if now.complete else None})
+    return {"sentence": GAUGE, "profile": rows}
+
+
+def profile(scene: Scene, fit: Fit, p: int, offsets: Sequence[float] = OFFSETS) -> list[dict[str, Any]]:
+    """Loss at values of parameter p that lie `offsets` standard deviations from the optimum, the other parameter at its conditional optimum."""
+    C = fit.covariance
+    along = C[:, p] / C[p, p]  # the valley: 1 along p, what the other one does with it
+    at_optimum = loss(scene, fit.replay)
+    rows = []
+    for offset in sorted((*offsets, 0.0)):
+        fabric = moved(fit.fabric, offset * np.sqrt(C[p, p]) * along)
+        now = fit.replay if offset == 0 else replay(scene, fabric)
+        value = (fabric.membrane, fabric.bending)[p] / fabric.density
+        rows.append({"value": value, "deviations": offset, "rise": loss(scene, now) / at_optimum - 1 if now.complete else None})
+    return rows
+
+
+def bootstrap(normal: Normal, *, draws: int = DRAWS, seed: int = 0) -> Array:
+    """Steps [draws, P] to the optima of recordings put together from blocks drawn anew, relative to the optimum of this one."""
+    rng, B = np.random.default_rng(seed), len(normal.g)
+    picked = rng.integers(B, size=(draws, B))
+    steps = np.stack([Normal(normal.g[rows], normal.A[rows]).step for rows in picked])
+    return steps - normal.step
+
+
+def intervals(fabric: Fabric, steps: Array) -> dict[str, Any]:
+    """90 % intervals of the ratios from steps [draws, P] of their logarithms."""
+    found = {}
+    for p, name in enumerate(PARAMETERS):
+        value = (fabric.membrane, fabric.bending)[p] / fabric.density
+        low, high = value * np.exp(np.quantile(steps[:, p], (0.05, 0.95)))
+        found[NAMES[name]] = {"low": float(low), "high": float(high), "unit": "m3/kg"}
+    return found
+
+
+def half_step(scene: Scene, fit: Fit) -> dict[str, Any]:
+    """What half the time step would change."""
+    fine = replace(scene, settings=replace(scene.settings, substeps=2 * scene.settings.substeps))
+    return altered(fine, fit, "at half the time step")
+
+
+def altered(scene: Scene, fit: Fit, how: str) -> dict[str, Any]:
+    """Factors by which the ratios would change on an altered scene, and the sentence; None where a linear step cannot say."""
+    change = further_step(scene, fit.fabric) - fit.normal.step
+    if not np.isfinite(change).all():
+        return {"sentence": f"{how} the simulation fails"}
+    factors = {NAMES[name]: float(np.exp(c)) if abs(c) < LEAST_KNOWN else None for name, c in zip(PARAMETERS, change)}
+    said = [f"{name} would " + (f"change by {100 * (f - 1):+.0f} %" if f else "not be the same at all") for name, f in factors.items()]
+    return {"factors": factors, "sentence": f"{how} {', '.join(said)}"}

@@ -1,0 +1,178 @@
+"""Anybody's tracked garment as a scene: boundary, rest shape, density and start from what the file holds.
+
+| the file gives | then | else |
+|---|---|---|
+| boundary | those nodes are driven | borders that move least against the collider (`boundary.py`); without collider nothing is |
+| uv | the pattern is the rest shape, hinges unfolded | rest_vertices; else the first frame as worn |
+| mass_kg | the density is known: mass over rest area over t | density 320 kg/m³, only ratios mean anything |
+| noise_cov, noise_m | weights | 1 mm |
+
+Driven nodes follow the tracked surface, or ride on the nearest face of the collider ("skinned": linear blending by the nearest skin, for a surface
+that is already posed). A collider that the tracked garment pokes through is drawn in (`collider.py`).
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.capture.tracked_geometry import TrackedGeometry
+from tasks.cloth.boundary import carried, fastened_nodes
+from tasks.cloth.collider import deepest_poke, fitted_collider
+from tasks.cloth.perseverance import PATIENT, Patience
+from tasks.cloth.scene import Scene
+from tasks.cloth.start import start_velocity
+from tasks.geometry.faults import Fault, refuse
+from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
+from tasks.simulator.fabric import THICKNESS
+from tasks.simulator.settings import BASE
+
+Array = NDArray[np.float64]
+Driver = Literal["tracked", "skinned"]
+
+NOISE_M = 1e-3  # where the file gives none
+START = Fabric(320.0, 4.0, 60.0)
+FEWEST_FRAMES = 3
+POKE_M = 1e-3  # deeper than this, or than three standard deviations of the noise, the collider gives way
+
+
+@dataclass(frozen=True)
+class TrackedScene:
+    """The scene, the fabric to start from, whether its density was weighed, the same scene otherwise driven (None: there is no other), and
+    sentences on what was chosen."""
+
+    scene: Scene
+    fabric: Fabric
+    weighed: bool
+    otherwise: Scene | None
+    chosen: tuple[str, ...]
+
+
+def tracked_scene(
+    track: TrackedGeometry,
+    *,
+    name: str,
+    driver: Driver = "tracked",
+    frames: int | None = None,
+    at_rest: bool = False,
+    fabric: Fabric = START,
+    settings: Settings = BASE,
+    patience: Patience = PATIENT,
+) -> TrackedScene:
+    """A scene of `frames` frames after the first one that is wholly seen. `name` stands in messages. Raises BadInput with every fault.
+
+    The file's `base` overrides the fabric to start from; `at_rest`: the garment is still in its first frame.
+    """
+    refuse(_faults(track, name, driver))
+    first = int(np.flatnonzero(np.isfinite(track.vertices).all((1, 2)))[0])
+    cut = slice(first, None if frames is None else first + frames + 1)
+    x = track.vertices[cut]
+    fabric = replace(fabric, **{k: float(v) for k, v in track.base.items()})
+    body = None if track.collider_vertices is None else track.collider_vertices[cut]
+    nodes, chosen = _nodes(track, x, body)
+    refuse(_driven_faults(x, nodes, first, name))
+    cloth = _cloth(track, x[0], nodes)
+    if track.mass_kg is not None:
+        fabric = replace(fabric, density=track.mass_kg / float(cloth.rest_areas.sum()) / THICKNESS)
+    noise = np.full(x.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m[cut], 1e-5)
+    noise_cov = None if track.noise_cov is None else track.noise_cov[cut]
+    if noise_cov is not None:
+        noise = np.sqrt(np.maximum(np.trace(noise_cov, axis1=2, axis2=3), 1e-10) / 3)
+    collider, motion, drawn = _collider(track, x, body, cloth, float(np.median(noise)))
+    driven = {"tracked": x[:, nodes]}
+    if body is not None and len(nodes):
+        driven["skinned"] = carried(x[0, nodes], body, track.collider_faces)
+    scene = Scene(
+        cloth=cloth,
+        collider=collider,
+        collider_motion=motion,
+        boundary_motion=driven[driver],
+        x0=x[0],
+        v0=np.zeros_like(x[0]) if at_rest else start_velocity(x, track.fps),
+        observed=np.where(track.observed[cut][..., None], x, np.nan),
+        noise_m=noise,
+        fps=track.fps,
+        settings=settings,
+        patience=patience,
+        noise_cov=noise_cov,
+    )
+    others = [replace(scene, boundary_motion=motion) for kind, motion in driven.items() if kind != driver]
+    told = (f"frames {first} to {first + len(x) - 1} of {len(track.vertices)}", *chosen, *_driven_said(driven, driver), *drawn)
+    return TrackedScene(scene, fabric, track.mass_kg is not None, others[0] if others else None, told)
+
+
+def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
+    faults = []
+    whole = np.flatnonzero(np.isfinite(track.vertices).all((1, 2)))
+    if not np.isfinite(track.vertices).any():
+        faults.append(Fault(f"{name}: vertices", "are absent", "Fitting needs the tracked surface, not only markers."))
+    elif not len(whole):
+        faults.append(Fault(f"{name}: vertices", "no frame shows the whole garment", "Give one such frame to start from."))
+    elif len(track.vertices) - whole[0] < FEWEST_FRAMES:
+        left = len(track.vertices) - whole[0]
+        faults.append(Fault(f"{name}: vertices", f"{left} frames from the first whole one on", f"Give at least {FEWEST_FRAMES}."))
+    if driver == "skinned" and track.collider_vertices is None:
+        faults.append(Fault(f"{name}: collider_vertices", "are absent", "Nodes can ride on a body only where there is one; use tracked."))
+    known = {f.name for f in fields(Fabric)}
+    for key, value in track.base.items():
+        if key not in known:
+            faults.append(Fault(f"{name}: base", f"has the parameter {key!r}", f"Known are {', '.join(sorted(known))}."))
+        elif not isinstance(value, int | float):
+            faults.append(Fault(f"{name}: base", f"{key} is {value!r}", "Give a number."))
+    return faults
+
+
+def _nodes(track: TrackedGeometry, x: Array, body: Array | None) -> tuple[NDArray[np.int32], list[str]]:
+    """The driven nodes [B], and how they were chosen."""
+    if len(track.boundary):
+        return track.boundary, [f"boundary: the {len(track.boundary)} nodes that the file names"]
+    if body is None:
+        return np.empty(0, np.int32), ["boundary: none; the file names none and has no collider, so the garment flies freely"]
+    seen = x[np.isfinite(x).all((1, 2))]
+    found = fastened_nodes(seen, track.faces, body[np.isfinite(x).all((1, 2))], track.collider_faces)
+    rows = "; ".join(f"border of {n} nodes, {mm:.1f} mm, {'held' if held else 'free'}" for n, mm, held in found.borders)
+    return found.nodes, [
+        f"boundary: {len(found.nodes)} nodes chosen where garment and body move least against one another ({rows or 'no border'})"
+    ]
+
+
+def _driven_faults(x: Array, nodes: NDArray[np.int32], first: int, name: str) -> list[Fault]:
+    unseen = np.argwhere(~np.isfinite(x[:, nodes]).all(-1))
+    if not len(unseen):
+        return []
+    t, k = unseen[0]
+    return [
+        Fault(f"{name}: vertices", f"driven vertex {nodes[k]} is not known in frame {first + t}", "Give `boundary` nodes that always are.")
+    ]
+
+
+def _cloth(track: TrackedGeometry, x0: Array, nodes: NDArray[np.int32]) -> Cloth:
+    if track.uv is not None:
+        return Cloth(x0, track.faces, nodes, uv=track.uv[track.faces], rest_angles="flat")
+    rest = x0 if track.rest_vertices is None else track.rest_vertices
+    return Cloth(rest, track.faces, nodes, rest_angles="flat" if track.rest_flat else "worn")
+
+
+def _collider(track: TrackedGeometry, x: Array, body: Array | None, cloth: Cloth, noise: float) -> tuple[Collider, Array, tuple[str, ...]]:
+    if body is None:
+        return NO_COLLIDER, np.zeros((len(x), 0, 3)), ()
+    known = np.isfinite(x).all((1, 2))
+    depth = deepest_poke(body[known], track.collider_faces, x[known])
+    if depth <= max(POKE_M, 3 * noise):
+        return Collider(track.collider_faces), body, ()
+    if not known.all():
+        what = f"the garment is {1e3 * depth:.1f} mm inside it, and not wholly seen in every frame"
+        refuse([Fault("collider_vertices", what, "Move the collider inwards, or cut the frames.")])
+    fitted = fitted_collider(body, track.collider_faces, x, track.faces, fastened=cloth.boundary)
+    said = f"collider: drawn in by up to {1e3 * fitted.drawn_in.max():.1f} mm, as the tracked garment was {1e3 * depth:.1f} mm inside"
+    return Collider(fitted.faces), fitted.motion, (said,)
+
+
+def _driven_said(driven: dict[str, Array], driver: Driver) -> tuple[str, ...]:
+    if len(driven) < 2:
+        return (f"boundary driven by {driver} positions",)
+    apart = 1e3 * np.linalg.norm(driven["tracked"] - driven["skinned"], axis=2)
+    other = next(kind for kind in driven if kind != driver)
+    rms, most = float(np.sqrt(np.mean(apart**2))), float(apart.max())
+    return (f"boundary driven by {driver} positions; {other} ones lie {rms:.1f} mm away (root mean square, at most {most:.1f} mm)",)

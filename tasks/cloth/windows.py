@@ -1,0 +1,176 @@
+"""Multiple shooting: the recording cut into short windows, each simulated from its own start, with the derivatives of what it predicts.
+
+Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they hold.
+A window starts from the state of `start_state.py`, whose error is marginalised, not fitted: its smooth modes z ~ N(0, diag(σ_x², σ_v²)) enter
+
+    y − x(θ₀) = S_θ (θ − θ₀) + S_z z + ε,    ε ~ N(0, R)
+
+as columns. What a window says about everything is kept as its normal equations, whitened by the noise: a few hundred numbers squared.
+
+Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from tasks.cloth.start_state import States
+from tasks.cloth.state_modes import state_columns
+from tasks.effects.effect import Motion
+from tasks.effects.model import Model
+from tasks.simulator.newton import CONVERGED
+
+Array = NDArray[np.float64]
+
+LENGTH_S = 0.18  # [s] the start's error and the base's own chaos grow: at a third of a second derivatives no longer hold
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was recorded: motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one coordinate."""
+
+    motion: Motion
+    observed: Array
+    noise: Array
+
+    def __len__(self) -> int:
+        return len(self.observed)
+
+    def cut(self, frames: slice) -> "Recording":
+        """Some of the frames."""
+        motion = Motion(self.motion.collider[frames], self.motion.boundary[frames])
+        return Recording(motion, self.observed[frames], self.noise[frames])
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames `start` to `start + length` of a recording; the first is the start, the others are compared."""
+
+    recording: int
+    start: int
+    length: int
+
+    @property
+    def frames(self) -> slice:
+        """The start frame and those compared."""
+        return slice(self.start, self.start + self.length + 1)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a window's simulation says: x [L + 1, V, 3] m as the tracker would report it, columns name -> [L, V, 3], how it ended."""
+
+    window: Window
+    x: Array
+    columns: dict[str, Array]
+    ending: str
+    newton_iterations: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame was reached."""
+        return self.ending == CONVERGED
+
+
+def windows(recordings: Sequence[Recording], fps: float) -> list[Window]:
+    """Windows of about `LENGTH_S` one after another through every recording."""
+    length, found = max(3, round(LENGTH_S * fps)), []
+    for k, recording in enumerate(recordings):
+        count = max(1, round((len(recording) - 1) / length))
+        starts = np.linspace(0, len(recording) - 1, count + 1).round().astype(int)
+        found += [Window(k, int(a), int(b - a)) for a, b in zip(starts, starts[1:], strict=False)]
+    return found
+
+
+def predict(
+    model: Model,
+    recording: Recording,
+    window: Window,
+    states: States,
+    *,
+    parameters: Sequence[str] = (),
+    φ: Array | None = None,
+    columns: bool = False,
+) -> Prediction:
+    """Simulate a window. parameters: base parameters, φ [K, V]: state modes, columns: effects, to differentiate by."""
+    motion, n = recording.cut(window.frames).motion, model.settings.substeps
+    fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
+    modes = state_columns(φ) if φ is not None else None
+    x0, v0 = states.x[window.start], states.v[window.start]
+    frames = list(fine.run(smooth(motion, n), x0, v0, parameters=parameters, start_modes=modes, columns=columns))
+    ending, iterations = frames[-1].ending, sum(f.newton_iterations for f in frames)
+    kept = frames[::n]
+    x = np.stack([f.x for f in kept])
+    if len(kept) < window.length + 1:
+        return Prediction(window, x, {}, ending if ending != CONVERGED else "the simulation ended early", iterations)
+    tangents = {name: np.stack([f.tangents[name][0] for f in kept]) for name in kept[0].tangents}
+    if columns:
+        tangents = model.observed_tangents(x, tangents)
+    return Prediction(window, model.observed(x), {name: c[1:] for name, c in tangents.items()}, ending, iterations)
+
+
+def smooth(motion: Motion, n: int) -> Motion:
+    """The motion at n times the frame rate, by cubic splines: linear motion between frames would jolt the cloth at every frame."""
+    return Motion(_upsampled(motion.collider, n), _upsampled(motion.boundary, n))
+
+
+def _upsampled(x: Array, n: int) -> Array:
+    if len(x) < 3 or not x.size:
+        at = np.linspace(0, len(x) - 1, n * (len(x) - 1) + 1)
+        low = np.minimum(at.astype(int), len(x) - 2)
+        return x[low] + (at - low)[:, None, None] * (x[low + 1] - x[low])
+    t = np.arange(len(x))
+    return CubicSpline(t, x)(np.linspace(0, len(x) - 1, n * (len(x) - 1) + 1))
+
+
+@dataclass(frozen=True)
+class Normals:
+    """Normal equations of one window: G = AᵀR⁻¹A [P, P], g = AᵀR⁻¹r [P], c = rᵀR⁻¹r, n compared coordinates; names of the columns of A."""
+
+    names: tuple[str, ...]
+    G: Array
+    g: Array
+    c: float
+    n: int
+
+    def index(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Places of columns."""
+        place = {name: i for i, name in enumerate(self.names)}
+        return np.array([place[name] for name in names], int)
+
+
+def normals(prediction: Prediction, recording: Recording, free: NDArray[np.bool_]) -> Normals:
+    """Of a complete prediction against what was observed of the free vertices [V]."""
+    y, σ = (a[prediction.window.frames][1:] for a in (recording.observed, recording.noise))
+    on = np.isfinite(y).all(-1) & free
+    w = 1 / σ[on][:, None]
+    r = ((y - prediction.x[1:])[on] * w).ravel()
+    A = np.stack([(c[on] * w).ravel() for c in prediction.columns.values()], 1)
+    return Normals(tuple(prediction.columns), A.T @ A, A.T @ r, float(r @ r), len(r))
+
+
+def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Normals:
+    """The same with the coefficients of `names` integrated out under N(0, diag(variance))."""
+    z = normals.index(names)
+    x = np.setdiff1d(np.arange(len(normals.names)), z)
+    s = np.sqrt(variance)
+    M = np.eye(len(z)) + s[:, None] * normals.G[np.ix_(z, z)] * s
+    L = np.linalg.cholesky(M)
+    B = np.linalg.solve(L, s[:, None] * normals.G[np.ix_(z, x)])
+    b = np.linalg.solve(L, s * normals.g[z])
+    return Normals(tuple(np.array(normals.names)[x]), normals.G[np.ix_(x, x)] - B.T @ B, normals.g[x] - B.T @ b, normals.c - float(b @ b), normals.n)
+
+
+def log_determinant(normals: Normals, names: Sequence[str], variance: Array) -> float:
+    """log|C|/|R| of C = R + S_z P S_zᵀ for the coefficients of `names`."""
+    z = normals.index(names)
+    s = np.sqrt(variance)
+    return float(np.linalg.slogdet(np.eye(len(z)) + s[:, None] * normals.G[np.ix_(z, z)] * s)[1])
+
+
+def columns_of(names: Sequence[str], prefix: str) -> Iterator[str]:
+    """The names that start with a prefix: "x " and "v " are state modes."""
+    return (name for name in names if name.startswith(prefix))

@@ -1,0 +1,80 @@
+"""SHA-256 of files and folders by content, remembered for as long as names, sizes and times of change stay the same.
+
+A recording of hundreds of gigabytes is read once, not at every look whether its results are in the store. What changed within the last
+two seconds is not remembered: it could change again within the clock's tick and look the same.
+"""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+SETTLED_S = 2.0
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of all files below a folder."""
+    signature, newest = _signature(path)
+    memory = _memory(path)
+    if (known := _recall(memory, signature)) is not None:
+        return known
+    digest = _digest(path)
+    if time.time() - newest > SETTLED_S and _signature(path)[0] == signature:
+        _remember(memory, signature, digest)
+    return digest
+
+
+def _digest(path: Path) -> str:
+    if not path.is_dir():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    tree = hashlib.sha256()
+    for below in sorted(p for p in path.rglob("*") if p.is_file()):
+        tree.update(f"{below.relative_to(path).as_posix()}\0{_digest(below)}\n".encode())
+    return tree.hexdigest()
+
+
+def _signature(path: Path) -> tuple[str, float]:
+    """Names, sizes and times of everything below, as one digest; and the newest time."""
+    seen, newest = hashlib.sha256(), 0.0
+    for name, stat in _stats(path):
+        seen.update(f"{name}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ino}\n".encode())
+        newest = max(newest, stat.st_mtime)
+    return seen.hexdigest(), newest
+
+
+def _stats(path: Path) -> Iterator[tuple[str, os.stat_result]]:
+    if not path.is_dir():
+        yield "", path.stat()
+        return
+    for folder, folders, files in os.walk(path):
+        folders.sort()
+        for name in sorted(files):
+            below = f"{folder}/{name}"
+            yield below, os.stat(below)  # noqa: PTH116  a Path per picture costs more than the stat
+
+
+def _memory(path: Path) -> Path:
+    cache = Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser()
+    name = hashlib.sha256(str(path.resolve()).encode()).hexdigest()
+    return cache / "digests" / name[:2] / f"{name}.json"
+
+
+def _recall(memory: Path, signature: str) -> str | None:
+    try:
+        known = json.loads(memory.read_text())
+    except (OSError, ValueError):
+        return None
+    return known.get("digest") if known.get("signature") == signature else None
+
+
+def _remember(memory: Path, signature: str, digest: str) -> None:
+    aside = memory.with_suffix(f".{os.getpid()}.tmp")
+    try:
+        memory.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_text(json.dumps({"signature": signature, "digest": digest}))
+        aside.replace(memory)
+    except OSError:  # a read-only home: the digest is computed again next time
+        aside.unlink(missing_ok=True)

@@ -1,0 +1,148 @@
+"""The base model with effects at given strengths: one simulation, with the tangents of any effect, hooks and potentials alike."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.effects.effect import Effect, Motion, Subject
+from tasks.simulator import Settings, simulate
+from tasks.simulator.simulate import Frame
+
+Array = NDArray[np.float64]
+STEP = 1e-3  # of a typical strength, in central differences of hooks
+
+
+@dataclass(frozen=True)
+class Model:
+    """A subject, numerical settings, and effects with their strengths; an effect at strength zero may be listed for its tangent's sake."""
+
+    subject: Subject
+    settings: Settings
+    effects: tuple[Effect, ...] = ()
+    strengths: Mapping[str, Array] = field(default_factory=dict)
+
+    def strength(self, effect: Effect) -> Array:
+        """θ [K] of an effect, zero where it is not given."""
+        return np.asarray(self.strengths.get(effect.name, np.zeros(len(effect.strengths))), float)
+
+    def run(
+        self,
+        motion: Motion,
+        x0: Array,
+        v0: Array,
+        *,
+        parameters: Sequence[str] = (),
+        start_modes: Mapping[str, tuple[Array, Array]] | None = None,
+        columns: bool = False,
+    ) -> Iterator[Frame]:
+        """Frames of the cloth as it is (not as observed), from x0 [V, 3] m and v0 [V, 3] m/s.
+
+        parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials, fabric
+        or motion. What acts on the observation is differentiated by `observed_tangents`. Reruns on another mesh give its vertices, the
+        given ones first.
+        """
+        subject, settings, terms = self._dressed(), self.settings, []
+        driven = self._driven(subject, motion)
+        for effect in self.effects:
+            θ = self.strength(effect)
+            settings = effect.settings(settings, θ)
+            x0, v0 = effect.start(subject, x0, θ), effect.start(subject, v0, θ)
+            subject = effect.subject(subject, θ)
+        for effect in self.effects:
+            terms += effect.potentials(subject, self.strength(effect))
+        sums = self._sums() if columns else {}
+        frames = simulate(
+            subject.cloth,
+            subject.fabric,
+            subject.collider,
+            collider_motion=driven.collider,
+            boundary_motion=driven.boundary,
+            fps=subject.fps,
+            x0=x0,
+            v0=v0,
+            settings=settings,
+            potentials=terms,
+            tangents=tuple(dict.fromkeys([*parameters, *(name for names in sums.values() for name in names)])),
+            start_modes=start_modes,
+            motion_modes=self._motion_modes(motion) if columns else {},
+            collider_rest=motion.collider[0],
+        )
+        return (_with_columns(frame, sums, parameters) for frame in frames)
+
+    def observed(self, x: Array) -> Array:
+        """What the tracker reports [T, V, 3] m of cloth at x [T, V, 3] m."""
+        for effect in self.effects:
+            x = effect.observe(self.subject, x, self.strength(effect))
+        return x
+
+    def observed_tangents(self, x: Array, tangents: Mapping[str, Array]) -> dict[str, Array]:
+        """name -> ∂(observed)/∂θ [T, V, 3] from ∂x/∂θ [T, V, 3] of the cloth as it is, at x [T, V, 3] m; observation effects included."""
+        seen = dict(tangents)
+        if any("observe" in e.acts_through and self.strength(e).any() for e in self.effects):
+            seen = {name: self._observed_direction(x, dx) for name, dx in tangents.items()}
+        for column, own in self.observation_columns(x).items():
+            seen[column] = seen[column] + own if column in seen else own
+        return seen
+
+    def observation_columns(self, x: Array) -> dict[str, Array]:
+        """column -> ∂(observed)/∂θ [T, V, 3] at fixed x [T, V, 3] m of the effects on the observation, by central differences."""
+        found = {}
+        for effect in self.effects:
+            if "observe" in effect.acts_through:
+                for column, plus, minus, δ in self._neighbours(effect):
+                    found[column] = (plus.observed(x) - minus.observed(x)) / (2 * δ)
+        return found
+
+    def _observed_direction(self, x: Array, dx: Array) -> Array:
+        size = np.abs(dx).max()
+        if not size:
+            return np.zeros_like(dx)
+        δ = 1e-3 / size  # [m] of motion
+        return (self.observed(x + δ * dx) - self.observed(x - δ * dx)) / (2 * δ)
+
+    def _dressed(self) -> Subject:
+        """The subject in the fabric that the effects make of its own."""
+        fabric = self.subject.fabric
+        for effect in self.effects:
+            fabric = effect.fabric(fabric, self.strength(effect))
+        return replace(self.subject, fabric=fabric)
+
+    def _driven(self, subject: Subject, motion: Motion) -> Motion:
+        for effect in self.effects:
+            motion = effect.motion(subject, motion, self.strength(effect))
+        return motion
+
+    def _sums(self) -> dict[str, tuple[str, ...]]:
+        """column -> parameters of the simulator, for effects that act through potentials or fabric."""
+        acting = [e for e in self.effects if e.acts_through & {"potentials", "fabric"}]
+        return {column: names for effect in acting for column, names in effect.parameters.items()}
+
+    def _motion_modes(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
+        modes = {}
+        for effect in self.effects:
+            if "motion" in effect.acts_through and effect.kind != "rerun":
+                for column, plus, minus, δ in self._neighbours(effect):
+                    a, b = (m._driven(m._dressed(), motion) for m in (plus, minus))
+                    modes[column] = ((a.collider - b.collider) / (2 * δ), (a.boundary - b.boundary) / (2 * δ))
+        return modes
+
+    def _neighbours(self, effect: Effect) -> "Iterator[tuple[str, Model, Model, float]]":
+        """column, the models at ±δ in that strength, δ."""
+        θ = self.strength(effect)
+        for i, (column, s) in enumerate(zip(effect.columns, effect.strengths, strict=True)):
+            δ = STEP * abs(s.typical)
+            step = np.eye(len(θ))[i] * δ
+            plus, minus = (replace(self, strengths={**self.strengths, effect.name: θ + sign * step}) for sign in (1, -1))
+            yield column, plus, minus, δ
+
+
+def _with_columns(frame: Frame, sums: Mapping[str, tuple[str, ...]], parameters: Sequence[str]) -> Frame:
+    """The frame with the simulator's tangents added up to columns."""
+    if not sums:
+        return frame
+    used = {name for names in sums.values() for name in names} - set(parameters)
+    kept = {name: t for name, t in frame.tangents.items() if name not in used}
+    columns = {c: tuple(sum(frame.tangents[n][k] for n in names) for k in (0, 1)) for c, names in sums.items()}
+    return replace(frame, tangents={**kept, **columns})

@@ -1,0 +1,94 @@
+"""Bending of the generator: hinges in φ = 2 tan(θ/2), with viscosity, hysteresis and creases.
+
+    m = k (φ − φ̄) + β k φ̇ + z,      f = −m φ'(θ) ∂θ/∂x        (Newton's matrix keeps m' φ'² ∂θ ∂θᵀ, which is never indefinite)
+
+k = w B |ē|/h̄ with one w per mesh, chosen so that the mesh rolled into a cylinder, averaged over directions, has the energy ½ B κ² A.
+z: a friction moment (`spring_slider.py`).
+Source: discrete shells, Grinspun et al. 2003, with the half-angle tangent of Bridson et al. 2003 and Burgoon et al. 2006.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tasks.exam.generator.spring_slider import spring_slider
+from tasks.geometry.meshes import hinges
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+def hinge_weights(rest: Array, faces: Indices, stencil: Indices) -> Array:
+    """w |ē|/h̄ [H]: what the rigidity B multiplies; h̄: a third of the two triangles' heights together."""
+    a, b, c, d = (rest[stencil[:, k]] for k in range(4))
+    length = np.linalg.norm(b - a, axis=1)
+    area = (np.linalg.norm(np.cross(b - a, c - a), axis=1) + np.linalg.norm(np.cross(b - a, d - a), axis=1)) / 2
+    shape = 3 * length**2 / (2 * area)
+    # a cylinder of curvature κ along any direction turns a hinge by κ sin²(direction) h: averaged over directions of the pattern
+    height = 2 * area / length / 3
+    share = 3 / 8  # mean of sin⁴
+    total = np.sum(shape * (height * 1.5) ** 2) * share / 2  # energy per κ² of ½ Σ shape θ², θ = κ h_dual sin²
+    sheet = np.linalg.norm(np.cross(rest[faces[:, 1]] - rest[faces[:, 0]], rest[faces[:, 2]] - rest[faces[:, 0]]), axis=1).sum() / 4
+    return shape * sheet / total
+
+
+def hinge_stencils(faces: Indices) -> Indices:
+    """Hinges [H, 4] (edge, then the two opposite corners)."""
+    return np.ascontiguousarray(hinges(faces))
+
+
+@njit(cache=True, nogil=True)
+def hinge_angles(x, stencil):
+    """φ = 2 tan(θ/2) [H]."""
+    out = np.empty(len(stencil))
+    grad = np.empty((4, 3))
+    for h in range(len(stencil)):
+        out[h] = 2 * np.tan(_angle(x, stencil[h], grad) / 2)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slots, data):
+    """Add forces and, through `slots` [H, 12, 12], the matrix; returns φ [H] and the friction moment z [H].
+
+    z0 [H, 2]: last φ and z;
+    limit, reach [H]: greatest friction moment and the angle that builds it up."""
+    φs, z1 = np.empty(len(stencil)), np.empty(len(stencil))
+    grad = np.empty((4, 3))
+    for h in range(len(stencil)):
+        θ = _angle(x, stencil[h], grad)
+        t = np.tan(θ / 2)
+        φ, slope = 2 * t, 1 + t * t
+        φs[h] = φ
+        m = k[h] * (φ - rest[h]) + viscosity * k[h] * (φ - φ_hat[h]) / s
+        dm = k[h] * (1 + viscosity / s)
+        z1[h] = 0.0
+        if limit[h] > 0:
+            z, dz = spring_slider(z0[h, 1], φ - z0[h, 0], limit[h], reach[h])
+            z1[h] = z
+            m += z
+            dm += dz
+        for p in range(12):
+            force[stencil[h, p // 3], p % 3] -= m * slope * grad[p // 3, p % 3]
+            for q in range(12):
+                slot = slots[h, p, q]
+                if slot >= 0:
+                    data[slot] += dm * slope * slope * grad[p // 3, p % 3] * grad[q // 3, q % 3]
+    return φs, z1
+
+
+@njit(cache=True, nogil=True)
+def _angle(x, hinge, grad):
+    """θ of the hinge; fills ∂θ [4, 3]."""
+    a, b, c, d = x[hinge[0]], x[hinge[1]], x[hinge[2]], x[hinge[3]]
+    e = b - a
+    n1, n2 = np.cross(e, c - a), np.cross(d - a, e)
+    length = np.sqrt(e @ e)
+    s1, s2 = n1 @ n1, n2 @ n2
+    θ = np.arctan2(np.cross(n1, n2) @ e / length, n1 @ n2)
+    gc, gd = -length / s1 * n1, -length / s2 * n2
+    αc, αd = (c - a) @ e / (length * length), (d - a) @ e / (length * length)
+    grad[2], grad[3] = gc, gd
+    grad[0] = -(1 - αc) * gc - (1 - αd) * gd
+    grad[1] = -αc * gc - αd * gd
+    return θ

@@ -1,0 +1,110 @@
+"""Which cases an exam holds: strata, causes, magnitudes, and what may be named without loss.
+
+The table of admissible classes is part of the question and fixed with it: names that a recording need not be able to tell apart.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tasks.exam.generator.causes import CAUSES, LIBRARY, OUTSIDE
+from tasks.exam.generator.scenes import MOTIONS
+
+STRATA = {"single": 64, "pair": 24, "null": 32, "outside": 24, "inseparable": 16}
+MAGNITUDES = (1.0, 2.0, 4.0, 8.0)  # multiples of the floor
+NULLS = ("plain", "wrong_base", "white_noise", "correlated_noise")
+INSEPARABLE = ("density", "body_offset", "observation_delay", "observation_scale")
+
+_CLASSES = (
+    ("air_normal_drag", "air_linear_drag", "fabric_mass_damping"),
+    ("fabric_mass_damping", "air_tangential_drag", "air_linear_drag"),
+    ("air_wind", "gravity_tilt"),
+    ("fabric_bending_damping", "fabric_bending_hysteresis"),
+    ("fabric_membrane_damping", "fabric_bending_damping"),
+    ("fabric_membrane_damping", "fabric_shear_hysteresis"),
+    ("fabric_hem_mass", "fabric_density_gradient"),
+    ("fabric_rest_scale", "observation_scale", "fabric_stiffening"),
+    ("fabric_rest_curvature", "fabric_crease", "fabric_bending_hysteresis"),
+    ("body_offset", "contact_thickness"),
+    ("body_lag", "observation_delay"),
+)
+
+
+def admissible(name: str) -> frozenset[str]:
+    """Names that may stand beside `name` without loss of credit, itself included."""
+    return frozenset({name}.union(*(c for c in _CLASSES if name in c)))
+
+
+@dataclass(frozen=True)
+class Question:
+    """One case before it is made. causes: name -> multiple of the floor; withheld: the effect that the diagnosis must do without; twist: variant."""
+
+    number: int
+    stratum: str
+    causes: dict[str, float]
+    withheld: str | None
+    twist: str
+    kind: str
+    motions: tuple[str, str, str]
+    seed: tuple[int, ...]
+
+
+def questions(count: int, seed: int) -> list[Question]:
+    """`count` cases in the proportions of `STRATA`, strata interleaved so that any beginning of the list is a fair sample."""
+    return [_question(number, stratum, place, seed) for number, (stratum, place) in enumerate(_interleaved(count))]
+
+
+def _interleaved(count: int) -> list[tuple[str, int]]:
+    total = sum(STRATA.values())
+    given = dict.fromkeys(STRATA, 0)
+    order = []
+    for n in range(1, count + 1):
+        stratum = max(STRATA, key=lambda s: (STRATA[s] * n / total - given[s], STRATA[s]))
+        order.append((stratum, given[stratum]))
+        given[stratum] += 1
+    return order
+
+
+def _question(number: int, stratum: str, place: int, seed: int) -> Question:
+    rng = np.random.default_rng([seed, number])
+    withheld, twist, causes = None, "", {}
+    if stratum == "single":
+        causes = {_turn(LIBRARY, place, seed): MAGNITUDES[place % 4]}
+    elif stratum == "pair":
+        first = _turn(LIBRARY, place, seed + 1)
+        far = [n for n in LIBRARY if n.split("_")[0] != first.split("_")[0] and set(CAUSES[n].needs) & set(CAUSES[first].needs)]
+        causes = {first: 4.0, str(rng.choice(far)): 4.0}
+    elif stratum == "null":
+        twist = NULLS[place % len(NULLS)]
+    elif stratum == "outside":
+        if place % 2:
+            withheld = _turn(LIBRARY, place // 2, seed + 2)
+            causes = {withheld: 4.0}
+        else:
+            causes = {OUTSIDE[place // 2 % len(OUTSIDE)]: MAGNITUDES[1 + place // 8 % 3]}
+    else:
+        twist = INSEPARABLE[place % len(INSEPARABLE)]
+        causes = {} if twist == "density" else {twist: 4.0}
+    return drawn(Question(number, stratum, causes, withheld, twist, "", ("", "", ""), (seed, number)), 0)
+
+
+def drawn(question: Question, attempt: int) -> Question:
+    """The question with a garment that can show its causes, and motions for it."""
+    rng = np.random.default_rng([*question.seed, attempt, 2])
+    kind = str(rng.choice(sorted(set(MOTIONS).intersection(*(CAUSES[n].needs for n in question.causes)))))
+    return replace(question, kind=kind, motions=_motions(kind, question.causes, rng))
+
+
+def _turn(names: tuple[str, ...], place: int, seed: int) -> str:
+    """Every name once before any comes again, in an order that the seed draws."""
+    return names[np.random.default_rng([seed, 77, place // len(names)]).permutation(len(names))[place % len(names)]]
+
+
+def _motions(kind: str, causes: dict[str, float], rng: np.random.Generator) -> tuple[str, str, str]:
+    """Three different motions; what acts by contact only gets the one that makes contact among the first two."""
+    order = [str(m) for m in rng.permutation(MOTIONS[kind])]
+    touching = {"curtain": "ball", "skirt": "walk", "cape": "arms", "sleeve": "elbow"}[kind]
+    if any(CAUSES[n].local or "body" in n or "delay" in n for n in causes):
+        order.remove(touching)
+        order.insert(int(rng.integers(2)), touching)
+    return order[0], order[1], order[2]

@@ -1,0 +1,126 @@
+"""One answer against one truth: what counts as right, and by how much.
+
+answer: the JSON of the diagnosis, version 1. truth: that of the generator. A diagnosis that failed or did not end answers nothing (None).
+Credit of a set of names: 1/(1 + names outside the admissible class) if it holds the truth and at most MOST names, else 0.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Json = Mapping[str, Any]
+MOST = 4  # names in an answer that may still count as one
+CLOSABLE = 1.5  # a gap is scored where it is that many floors
+ABSTAINING = ("outside_library", "not_testable")
+
+
+def credit(names: Iterable[str], truth: str, admissible: Iterable[str]) -> float:
+    """Credit of a set of names for one true cause."""
+    names = set(names)
+    if truth not in names or len(names) > MOST:
+        return 0.0
+    return 1 / (1 + len(names - set(admissible) - {truth}))
+
+
+def expected(truth: Json) -> str:
+    """The kind of verdict that is right: effect, none or outside_library."""
+    question = truth["question"]
+    if not truth["causes"]:
+        return "none"
+    return "outside_library" if question["withheld"] or question["stratum"] == "outside" else "effect"
+
+
+def score(truth: Json, answer: Json | None) -> dict[str, Any]:
+    """The row of one case: everything the summary needs, and nothing that a second look would want to recompute."""
+    causes, question = list(truth["causes"]), truth["question"]
+    row: dict[str, Any] = {
+        "number": question["number"],
+        "stratum": question["stratum"],
+        "twist": question["twist"],
+        "withheld": question["withheld"],
+        "causes": causes,
+        "multiple": truth["multiple"],
+        "expected": expected(truth),
+        "failed": answer is None,
+    }
+    if answer is None:
+        return row | {"kind": "failed", "named": [], "credit": 0.0, "top1": 0.0, "top3": 0.0, "probability_of_truth": 0.0, "right": False}
+    verdict = answer["verdict"]
+    named = {n for group in verdict["class"] for n in group} | set(verdict["effects"]) if verdict["kind"] == "effect" else set()
+    groups = [set(entry["class"]) for entry in answer["ranking"]]
+    row |= {"kind": verdict["kind"], "named": sorted(named), "confidence": float(verdict["probability"]), "seconds": answer["seconds"]}
+    row["set_size"] = len(answer["answer_set_90"])
+    if row["expected"] == "effect":
+        allowed = truth["admissible"]
+        each = [credit(_holding(verdict["class"], named, c), c, allowed[c]) for c in causes]
+        row["credit"], row["found"] = float(np.mean(each)), sum(e > 0 for e in each)
+        row["top1"] = max(credit(groups[0], c, allowed[c]) for c in causes)
+        row["top3"] = max(credit(g, c, allowed[c]) for g in groups[:3] for c in causes)
+        row["right"] = verdict["kind"] == "effect" and row["found"] == len(causes)
+        row["probability_of_truth"] = sum(e["probability"] for e in answer["ranking"] if any(credit(e["class"], c, allowed[c]) for c in causes))
+        row["covered"] = set(causes) <= set(answer["answer_set_90"])
+        row |= _strengths(truth["causes"], answer["ranking"])
+    else:
+        right = row["expected"]
+        row["right"] = verdict["kind"] == right
+        row["credit"] = float(row["right"])
+        row["top1"], row["top3"] = float({right} == groups[0]), float({right} in groups[:3])
+        row["probability_of_truth"] = sum(e["probability"] for e in answer["ranking"] if set(e["class"]) == {right})
+        row["covered"] = right in answer["answer_set_90"]
+    accelerations = answer["where"].get("vertex_accel")
+    if truth["local"] and accelerations is not None and row["expected"] == "effect":
+        row["auc"] = area_under_curve(np.array(accelerations, float), most_changed(np.array(truth["acceleration"])))
+    return row
+
+
+def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any], floor_m: float) -> dict[str, Any]:
+    """How far a blind prediction closes the gap: before, after [T, V, 3] m against the recording that was held out, driven nodes aside.
+
+    Frames that the blind file showed do not count.
+    """
+    if prediction is None:
+        return {}
+    x = held_out["vertices"]
+    seen = held_out["observed"] & np.isfinite(x).all(-1)
+    seen[:2] = False
+    seen[:, held_out["boundary"]] = False
+    E = {k: float(np.mean(np.sum((prediction[k] - x)[seen] ** 2, -1))) for k in ("before", "after")}
+    row = {"before_mm": 1e3 * E["before"] ** 0.5, "after_mm": 1e3 * E["after"] ** 0.5, "worse": E["after"] > 1.05 * E["before"]}
+    if E["before"] ** 0.5 >= CLOSABLE * floor_m:
+        row["closed"] = (E["before"] - E["after"]) / (E["before"] - floor_m**2)
+    return row
+
+
+def most_changed(acceleration: Array) -> NDArray[np.bool_]:
+    """The fifth of the vertices [V] whose acceleration changes most."""
+    return acceleration >= np.quantile(acceleration, 0.8)
+
+
+def area_under_curve(value: Array, positive: NDArray[np.bool_]) -> float:
+    """Probability that a positive vertex has the larger value (Mann and Whitney); unseen vertices (NaN) rank lowest, ties count half."""
+    value = np.where(np.isfinite(value), value, -np.inf)
+    a, b = value[positive], value[~positive]
+    return float(np.mean((a[:, None] > b) + 0.5 * (a[:, None] == b)))
+
+
+def _holding(classes: list[list[str]], named: set[str], cause: str) -> set[str]:
+    """The class of the verdict that holds a cause; all that was named where none does."""
+    return next((set(group) for group in classes if cause in group), named - {cause})
+
+
+def _strengths(causes: Json, ranking: list[Json]) -> dict[str, Any]:
+    """Relative error of a single cause's strength and whether its interval holds the truth, where the units agree."""
+    if len(causes) != 1:
+        return {}
+    name, true = next(iter(causes.items()))
+    for entry in ranking:
+        found = entry.get("strength", {}).get(name)
+        if found and found.get("unit") == true["unit"] and found.get("value") is not None:
+            return {
+                "strength_error": abs(found["value"] - true["strength"]) / abs(true["strength"]),
+                "strength_covered": found["low"] <= true["strength"] <= found["high"],
+            }
+    return {}

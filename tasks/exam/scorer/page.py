@@ -1,0 +1,54 @@
+"""The result of an exam as one HTML page: figures with intervals, the confusion matrix, and every case."""
+
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import Any
+
+from tasks.exam.scorer.summary import confusion
+
+STYLE = (
+    "body{font:15px/1.45 system-ui;margin:2rem;max-width:75rem}table{border-collapse:collapse;margin:1rem 0}"
+    "td,th{padding:.15rem .6rem;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right}"
+    ".m td{text-align:center;font-size:12px}.m th{font-size:12px;font-weight:400}.m thead th{writing-mode:vertical-rl;transform:rotate(180deg)}"
+)
+
+
+def page(result: Mapping[str, Any]) -> str:
+    """HTML of the result of `flows.exam.sit`."""
+    of = f", version {result['version'][:12]} (all attempts pooled)" if result["version"] else ""
+    left = f"<p>Left out, because no garment drawn for them could be simulated: {result['left_out']}.</p>" if result["left_out"] else ""
+    figures = _table(
+        ("metric", "value", "95 %", "cases"),
+        ((f["metric"], _number(f["value"]), f"{_number(f['low'])} … {_number(f['high'])}", f["cases"]) for f in result["figures"]),
+    )
+    columns = ("number", "stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
+    cases = _table(columns, ([_cell(r.get(c)) for c in columns] for r in result["rows"]))
+    return (
+        f"<!doctype html><meta charset='utf-8'><title>Blind check</title><style>{STYLE}</style><h1>Blind check of the diagnosis</h1>"
+        f"<p>Split {escape(result['split'])}{of}: {result['cases']} cases. Shares carry Wilson's 95 % interval, other figures a bootstrap over cases.</p>"
+        f"{left}{figures}<h2>What was named for what</h2>{_matrix(result['rows'])}<h2>Cases</h2>{cases}"
+    )
+
+
+def _matrix(rows: list[Mapping[str, Any]]) -> str:
+    truths, answers, table = confusion(rows)
+    head = "".join(f"<th>{escape(a)}</th>" for a in answers)
+    most = max(int(table.max()), 1) if table.size else 1
+    body = ""
+    for truth, line in zip(truths, table, strict=True):
+        cells = "".join(f"<td style='background:rgba(40,110,180,{n / most:.2f})'>{n or ''}</td>" for n in line)
+        body += f"<tr><th>{escape(truth)}</th>{cells}</tr>"
+    return f"<table class='m'><thead><tr><th></th>{head}</tr></thead>{body}</table>"
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    top = "".join(f"<th>{escape(h)}</th>" for h in head)
+    return f"<table><tr>{top}</tr>" + "".join(f"<tr>{''.join(f'<td>{escape(str(c))}</td>' for c in r)}</tr>" for r in rows) + "</table>"
+
+
+def _cell(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, list) else "" if value is None else _number(value) if isinstance(value, float) else str(value)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"

@@ -1,0 +1,137 @@
+"""Hypotheses about what is missing, fitted and scored in compressed space: no simulation, only the windows' normal equations.
+
+A hypothesis is a set of effects. Its strengths θ and corrections of the base parameters minimise
+
+    Σ_w (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ) / s_w  +  prior,     C_w = R + S_z P S_zᵀ + D Dᵀ
+
+within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. It is scored on windows that its
+strengths were not fitted on:  L = ½ ν Σ_w log(J_w(base)/J_w(H)), the likelihood of ν independent residuals of unknown scale per window.
+Neighbouring vertices err together, so ν is small and set by calibration, not by counting coordinates.
+
+Source: leave-one-out cross-validation (Stone 1974); unknown-scale Gaussian likelihood (Jeffreys). Limits: linear in θ.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.windows import Normals
+from tasks.effects.effect import Effect
+
+Array = NDArray[np.float64]
+
+INDEPENDENT = 12.0  # ν, residuals per window
+BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
+RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A hypothesis: effects, steps of the base parameters' logarithms, strengths column -> value, their covariance [K, K], score L.
+
+    misfits [W]: of each window, fitted on the others; each [W, K]: the strengths found without that window.
+    """
+
+    effects: tuple[Effect, ...]
+    base: Array
+    strengths: dict[str, float]
+    covariance: Array
+    misfits: Array
+    each: Array
+    score: float
+
+    @property
+    def name(self) -> str:
+        """Names of the effects, joined; "none" for the base."""
+        return " + ".join(e.name for e in self.effects) or "none"
+
+    def θ(self, effect: Effect) -> Array:
+        """Strengths [K] of one effect."""
+        return np.array([self.strengths[c] for c in effect.columns])
+
+
+class Windows:
+    """The windows' normal equations [W], start state and numerics integrated out."""
+
+    def __init__(self, normals: Sequence[Normals], effects: Sequence[Effect]) -> None:
+        self.normals, self.effects = list(normals), list(effects)
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+    @cached_property
+    def overdispersion(self) -> Array:
+        """s_w [W] ≥ 1: misfit per coordinate with every effect allowed."""
+        θ, names = self._solve(self.effects, np.ones(len(self)), np.arange(len(self)))
+        return np.array([max(1.0, self._misfit(k, names, θ) / n.n) for k, n in enumerate(self.normals)])
+
+    @cached_property
+    def base(self) -> Fitted:
+        """Nothing missing."""
+        return self._fitted(())
+
+    def fit(self, effects: Sequence[Effect]) -> Fitted:
+        """Strengths from all windows, misfits of each from the others."""
+        return self._fitted(tuple(effects))
+
+    def again(self, normals: Sequence[Normals], before: Fitted) -> Fitted:
+        """The hypothesis after a new simulation at its strengths: `normals` [W] are linear about those."""
+        there = Windows(normals, self.effects)
+        there.__dict__["overdispersion"] = self.overdispersion  # scores compare only under one weight per window
+        return there._fitted(before.effects, about=before, against=self.base.misfits)
+
+    def _fitted(self, effects: tuple[Effect, ...], *, about: Fitted | None = None, against: Array | None = None) -> Fitted:
+        everything, p = np.arange(len(self)), len(PARAMETERS)
+        w = 1 / self.overdispersion
+        origin = np.zeros(p + sum(len(e.strengths) for e in effects))
+        if about is not None:
+            origin[p:] = list(about.strengths.values())
+        θ, names = self._solve(effects, w, everything, origin)
+        each = np.array([self._solve(effects, w, everything[everything != k], origin)[0] for k in everything]) if len(self) > 1 else θ[None]
+        misfits = np.array([max(self._misfit(k, names, t - origin), 1e-9) for k, t in enumerate(each)])
+        against = self.base.misfits if against is None and effects else against
+        score = 0.0 if against is None else float(INDEPENDENT / 2 * np.log(against / misfits).sum())
+        # jackknife (Efron 1982): windows, not coordinates, are independent
+        spread = each - each.mean(0)
+        covariance = (len(self) - 1) / len(self) * spread.T @ spread
+        return Fitted(effects, θ[:p], dict(zip(names[p:], θ[p:], strict=True)), covariance[p:, p:], misfits, each[:, p:], score)
+
+    def _solve(self, effects: Sequence[Effect], weights: Array, which: Array, origin: Array | None = None) -> tuple[Array, list[str]]:
+        """θ [P] of base parameters and strengths within their ranges, and the columns' names; normals are linear about `origin` [P]."""
+        columns = [(c, s) for e in effects for c, s in zip(e.columns, e.strengths, strict=True)]
+        names = [*PARAMETERS, *(c for c, _ in columns)]
+        precision = np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for _, s in columns])
+        low = np.array([-np.inf] * len(PARAMETERS) + [s.low for _, s in columns])
+        high = np.array([np.inf] * len(PARAMETERS) + [s.high for _, s in columns])
+        A, b = np.diag(precision), np.zeros(len(names))
+        origin = np.zeros(len(names)) if origin is None else origin
+        b -= precision * origin
+        for k in which:
+            n = self.normals[k]
+            i = n.index(names)
+            A += weights[k] * n.G[np.ix_(i, i)]
+            b += weights[k] * n.g[i]
+        return origin + _bounded(A, b, low - origin, high - origin), names
+
+    def _misfit(self, k: int, names: Sequence[str], θ: Array) -> float:
+        n = self.normals[k]
+        i = n.index(names)
+        return float(n.c - 2 * n.g[i] @ θ + θ @ n.G[np.ix_(i, i)] @ θ)
+
+
+def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
+    """argmin ½ θᵀAθ − bᵀθ with low ≤ θ ≤ high, by fixing what leaves its range until nothing does."""
+    θ, held = np.zeros(len(b)), np.zeros(len(b), bool)
+    for _ in range(len(b) + 1):
+        free = ~held
+        θ[free] = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, held)] @ θ[held])
+        out = free & ((θ < low) | (θ > high))
+        if not out.any():
+            break
+        θ[out] = np.clip(θ[out], low[out], high[out])
+        held |= out
+    return θ

@@ -1,0 +1,93 @@
+"""What is said to be known: the gauge is flat, the profile has its bottom at the optimum, intervals behave, choices show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.estimates import at_bound, estimates
+from tasks.cloth.gauss_newton import BOUNDS, Normal, Progress, fit, moved
+from tasks.cloth.knowledge import bootstrap, gauge, half_step, intervals, knowledge, profile
+from tasks.simulator import Fabric
+from tests.cloth.test_gauss_newton import TRUTH, observed, panel
+
+
+@pytest.fixture(scope="module")
+def found():
+    scene = observed(panel(8, frames=10), 3)
+    return scene, fit(scene, Progress(Fabric(density=320, membrane=2.0, bending=150.0)), iterations=10)
+
+
+def test_the_loss_is_flat_along_the_gauge(found):
+    scene, result = found
+    rows = gauge(scene, result.fabric)["profile"]
+    assert [r["factor"] for r in rows] == [1.0, 0.5, 2.0]
+    np.testing.assert_allclose([r["loss"] for r in rows], rows[0]["loss"], rtol=1e-6)
+
+
+def test_the_profile_rises_on_both_sides_and_as_the_normal_matrix_says(found):
+    scene, result = found
+    rows = profile(scene, result, 1, offsets=(-40.0, 40.0))
+    assert rows[1]["rise"] == 0.0
+    assert rows[0]["rise"] > 0 and rows[2]["rise"] > 0
+    assert rows[0]["value"] < rows[1]["value"] < rows[2]["value"]
+
+
+def test_the_bootstrap_spreads_as_the_sandwich_does():
+    rng = np.random.default_rng(0)
+    A = np.tile(np.diag([2.0, 5.0]) * 10, (40, 1, 1))
+    normal = Normal(rng.normal(size=(40, 2)), A)
+    steps = bootstrap(normal)
+    sandwich = normal.covariance - np.linalg.inv(A.sum(0))
+    np.testing.assert_allclose(steps.std(0), np.sqrt(np.diag(sandwich)), rtol=0.15)
+    np.testing.assert_allclose(steps.mean(0), 0, atol=3 * steps.std(0).max() / np.sqrt(len(steps)))
+    wide = intervals(Fabric(), steps)["kappa_s_over_rho"]
+    assert wide["low"] < 1 / 320 < wide["high"]
+
+
+def test_half_the_step_changes_what_backward_euler_made_of_it(found):
+    scene, _ = found
+    coarse = replace(scene, settings=replace(scene.settings, integrator="backward_euler", substeps=1))
+    blurred = fit(coarse, Progress(TRUTH), iterations=4)
+    fine = replace(scene, settings=replace(scene.settings, substeps=4))
+    ours = fit(fine, Progress(TRUTH), iterations=4)
+    size = lambda f, s: max(abs(np.log(factor or 10)) for factor in half_step(s, f)["factors"].values())  # noqa: E731
+    assert size(ours, fine) < size(blurred, coarse)
+
+
+def test_the_density_is_reported_only_when_weighed(found):
+    scene, result = found
+    said = estimates(scene, result)["density"]
+    assert said["value"] is None and "any c > 0" in said["sentence"]
+    assert estimates(scene, result, weighed=True)["density"]["value"] == result.fabric.density
+
+
+def test_plain_units_and_ratios_are_the_same_fabric(found):
+    scene, result = found
+    e = estimates(scene, result)
+    assert e["stretch_over_areal_density"]["value"] == pytest.approx(result.fabric.stretch_stiffness / result.fabric.areal_density)
+    assert e["bending_over_areal_density"]["value"] == pytest.approx(result.fabric.bending_rigidity / result.fabric.areal_density)
+    for a, b in (("kappa_s_over_rho", "stretch_over_areal_density"), ("kappa_b_over_rho", "bending_over_areal_density")):
+        assert e[a]["high"] / e[a]["low"] == pytest.approx(e[b]["high"] / e[b]["low"])
+
+
+def test_a_parameter_at_its_bound_and_one_without_data_are_said_to_be(found):
+    scene, result = found
+    stiff = moved(result.fabric, np.array([99.0, 0.0]))
+    assert stiff.membrane == pytest.approx(np.exp(BOUNDS["log_membrane"][1]))
+    assert "upper bound" in at_bound(stiff, "log_membrane")
+    assert at_bound(result.fabric, "log_membrane") == ""
+    dead = replace(result, normal=Normal(result.normal.g * [0, 1], result.normal.A * [[0, 0], [0, 1]]))
+    assert "untouched" in estimates(scene, dead)["kappa_s_over_rho"]["sentence"]
+    assert estimates(scene, dead)["kappa_b_over_rho"]["value"] is not None
+
+
+def test_everything_is_json(found):
+    import json
+
+    scene, result = found
+    told = json.loads(json.dumps(knowledge(scene, result, otherwise=scene)))
+    assert set(told) == {"gauge", "bootstrap", "half_step", "other_boundary"}
+    assert told["other_boundary"]["factors"]["kappa_s_over_rho"] == pytest.approx(1.0, abs=1e-6)
+    failed = replace(result, replay=replace(result.replay, ending="Newton stopped"))
+    assert knowledge(scene, failed) == {}

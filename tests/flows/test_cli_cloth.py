@@ -1,0 +1,62 @@
+"""`physavatar cloth fit` on a track that no other stage has seen."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows import cli
+from tasks.cloth.scene import replay
+from tests.cloth.test_gauss_newton import TRUTH, panel
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([str(a) for a in arguments])
+    return ended.value.code
+
+
+@pytest.fixture
+def track(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = panel(5, frames=5)
+    x = replay(scene, TRUTH).x
+    path = tmp_path / "panel.npz"
+    np.savez(path, vertices=x, faces=scene.cloth.faces, fps=25.0, boundary=scene.cloth.boundary, rest_vertices=scene.cloth.x_rest)
+    return path
+
+
+@pytest.mark.slow
+def test_a_track_is_fitted_stored_and_found_again(track, capsys):
+    assert run("cloth", "fit", track, "--at-rest", "--iterations", 2, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["artifact"]["actor"] == "_track" and len(told["artifact"]["sequence"]) == 64
+    assert {"kappa_s_over_rho", "kappa_b_over_rho", "density"} <= set(told["parameters"])
+    assert told["history"][-1]["loss"] < told["history"][0]["loss"]
+    assert "gauge" in told["knowledge"] and not told["cached"]
+    assert run("cloth", "fit", track, "--at-rest", "--iterations", 2, "--json") == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["cached"] and again["parameters"] == told["parameters"]
+
+
+@pytest.mark.slow
+def test_algorithm_1_by_flag(track, capsys):
+    assert run("cloth", "fit", track, "--at-rest", "--method", "adam-fd", "--as-released", "--iterations", 2, "--json") == 0
+    rows = json.loads(capsys.readouterr().out)["history"]
+    assert [abs(r["density"] - 320) <= 0.2 for r in rows] == [True, True]
+    assert rows[0]["steps"] == 4 * 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.npz"], "no such file"),
+        (["panel.npz", "--boundary", "skinned"], "ride on a body"),
+        (["broken.npz"], "broken.npz"),
+    ],
+)
+def test_bad_input_ends_with_2(track, capsys, arguments, said):
+    (track.parent / "broken.npz").write_bytes(b"PK nothing")
+    assert run("cloth", "fit", *arguments) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err.replace("\n", " ") and captured.out == ""
