@@ -5,7 +5,7 @@ RUN := $(VENV)/bin/
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: setup demo test test-all bench lint
+.PHONY: setup demo demo-service images test test-all bench lint
 setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt setup.sh
 	bash setup.sh $(VENV)
@@ -13,6 +13,15 @@ $(STAMP): pyproject.toml constraints.txt setup.sh
 
 demo: setup            ## one actor, from images to avatar and gap report
 	$(RUN)physavatar demo
+
+# PostgreSQL where it answers (DATABASE=postgresql+asyncpg://… names another), else SQLite; PORT of the UI
+PORT ?= 4200
+DATABASE ?= $(shell pg_isready -q -h 127.0.0.1 2>/dev/null && echo postgresql+asyncpg://postgres@127.0.0.1:5432/physavatar)
+demo-service: setup    ## server, workers and two actors, on this machine; prints the UI's address, Ctrl-C ends it
+	$(if $(DATABASE),PHYSAVATAR_SERVICE__DATABASE="$(DATABASE)") $(RUN)physavatar up --demo --port $(PORT)
+
+images: setup          ## one container image per kind of worker, with docker or buildah
+	bash containers/build.sh
 
 test: setup            ## everything but what carries the marker `slow`
 	$(RUN)python -m pytest -m "not slow"

@@ -37,9 +37,13 @@ app.command("flows.cli_capture:app", name="capture", help="Recordings: check, ca
 app.command("flows.cli_keypoints:app", name="keypoints", help="The keypoint detector: train.")
 app.command("flows.cli_cloth:app", name="cloth", help="Fabrics: fit.")
 app.command("flows.cli_effects:effects", name="effects")
+app.command("flows.cli_gap:app", name="gap", help="The gap between simulation and recording: run.")
+app.command("flows.cli_exam:app", name="exam", help="The blind check of the diagnosis.")
 app.command("flows.cli_export:export", name="export")
 app.command("flows.cli_dataset:app", name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
 app.command("flows.cli_up:up", name="up")
+app.command("flows.cli_up:worker", name="worker")
+app.command("flows.cli_up:deploy", name="deploy")
 
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]

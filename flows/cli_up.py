@@ -1,4 +1,4 @@
-"""`physavatar up`: the whole service on this machine, in one command."""
+"""`physavatar up`: the whole service on this machine, in one command; `worker` and `deploy`: its parts on several."""
 
 import sys
 from typing import Annotated
@@ -7,13 +7,14 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.config import load
-from flows.endings import CANCELLED
+from flows.endings import CANCELLED, Refused
 
 
 def up(
     *,
     host: str | None = None,
     port: int | None = None,
+    demo: Annotated[bool, Parameter(negative="")] = False,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
 ) -> int:
     """Start server, automations and local workers, print the UI's address, and stay until Ctrl-C.
@@ -22,6 +23,7 @@ def up(
     ----------
     host: Where the server listens; beyond 127.0.0.1 it asks for a password and needs PostgreSQL.
     port: Its port.
+    demo: Hand two small demo actors to the workers, to have something to look at.
     """
     from flows.service.deployments import read
     from flows.service.server import LOOPBACK
@@ -39,8 +41,55 @@ def up(
             if service.host not in LOOPBACK and service.auth is None:
                 tell(f"user and password: {supervisor.home / 'auth'}")
             tell(f"running: {', '.join(supervisor.kept)}; logs in {supervisor.home / 'logs'}; Ctrl-C ends everything")
+            if demo:
+                from flows.service.demonstration import demonstrate
+
+                demonstrate(supervisor.home, tell)
             stay(supervisor)
     except KeyboardInterrupt:
         tell("ended")
         return CANCELLED
+    return 0
+
+
+def worker(
+    pool: str,
+    *,
+    limit: int = 1,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+) -> int:
+    """Work for one pool of a server elsewhere (service.url), until Ctrl-C.
+
+    Parameters
+    ----------
+    pool: vision, tracking, simulation, rendering or orchestration.
+    limit: How many runs at once.
+    """
+    from flows.service.parameters import POOLS
+    from flows.service.up import stay, work
+
+    if pool not in POOLS:
+        raise Refused(f"there is no pool {pool!r}; the pools are {', '.join(POOLS)}")
+    tell = Console(stderr=True, highlight=False).print
+    try:
+        with work(load(set_).service, pool, limit, tell) as supervisor:
+            tell(f"working for {pool}; log in {supervisor.home / 'logs'}")
+            stay(supervisor)
+    except KeyboardInterrupt:
+        tell("ended")
+        return CANCELLED
+    return 0
+
+
+def deploy(*, kind: str = "process", set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = ()) -> int:
+    """Bring automations, pools and deployments of a server elsewhere (service.url) up to date.
+
+    Parameters
+    ----------
+    kind: process (workers run flows themselves), docker or kubernetes (a container per flow run).
+    """
+    from flows.service.deployments import job_variables, read
+    from flows.service.up import furnish
+
+    furnish(load(set_).service, read(), kind, job_variables(kind))
     return 0

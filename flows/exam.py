@@ -23,8 +23,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tasks.exam.generator.making import Made, Unmakeable, make
+from tasks.exam.generator.making import Made, make
 from tasks.exam.generator.strata import Question, questions
+from tasks.exam.generator.subject import Unmakeable
 from tasks.exam.scorer.case import closing, score
 from tasks.exam.scorer.summary import summary
 
@@ -237,4 +238,4 @@ def _write_json(path: Path, value: Any) -> None:
 def _replace(path: Path, text: str) -> None:
     aside = path.with_name(f".{path.name}.{os.getpid()}")
     aside.write_text(text)
-    os.replace(aside, path)
+    aside.replace(path)

@@ -7,6 +7,7 @@ again downstream. Nothing in it depends on who computed the artifact, or when: e
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Self
@@ -79,9 +80,14 @@ class Manifest(BaseModel):
 
 
 def files_in(folder: Path) -> dict[str, Path]:
-    """Every file of an artifact but manifest and provenance, by its path within the artifact."""
-    found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if not path.is_dir()}
-    return {name: path for name, path in found.items() if name not in OUTSIDE}
+    """Every file of an artifact but manifest and provenance, by its path within the artifact, sorted."""
+    found, root = {}, len(str(folder)) + 1
+    for at, _, files in os.walk(folder):
+        for name in files:
+            within = f"{at}/{name}"[root:]
+            if within not in OUTSIDE:
+                found[within] = Path(at, name)
+    return dict(sorted(found.items()))
 
 
 def sha256_of(path: Path) -> str:

@@ -13,7 +13,10 @@ from prefect.flows import load_flow_from_entrypoint
 from prefect.utilities.callables import parameter_schema
 from prefect.workers.utilities import get_default_base_job_template_for_infrastructure_type
 
-PREFECT_FILE = Path(__file__).parents[2] / "deploy" / "prefect.yaml"
+from flows.endings import Refused
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+PREFECT_FILE, POOLS_FILE = DEPLOY / "prefect.yaml", DEPLOY / "pools.yaml"
 
 
 def read(file: Path = PREFECT_FILE) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from flows.endings import Refused
+from flows.service.database import create_if_missing
 from flows.service.parameters import ServiceParameters, home
 from flows.service.server import (
     LOOPBACK,
@@ -26,6 +27,7 @@ from flows.service.server import (
 from flows.service.supervisor import Supervisor, end_marked
 
 TEND_EVERY_S = 20.0
+SECRETS = "PHYSAVATAR_SERVICE__"  # the database's password is the server's business, not the workers'
 
 
 @contextmanager
@@ -34,7 +36,9 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
     with _alone():
         end_marked(home())
         _refuse_taken_port(service)
-        environment = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
+        if service.database is not None and service.url is None:
+            asyncio.run(create_if_missing(service.database.get_secret_value()))
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", SECRETS))}
         adopt(client_environment(service))
         supervisor = Supervisor(home(), environment | server_environment(service), tell)
         try:
@@ -53,11 +57,35 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
             (home() / "up.json").unlink(missing_ok=True)
 
 
+@contextmanager
+def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None]) -> Iterator[Supervisor]:
+    """A worker of one pool of a server elsewhere, kept running. Raises Refused when the server does not answer."""
+    with _alone():
+        end_marked(home())
+        environment = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", SECRETS))}
+        adopt(client_environment(service))
+        wait_for(api_url(service))
+        supervisor = Supervisor(home(), environment | client_environment(service), tell)
+        try:
+            supervisor.keep(pool, worker_command(pool, limit, f"{socket.gethostname()}-{pool}"))
+            yield supervisor
+        finally:
+            supervisor.end()
+
+
+def furnish(service: ServiceParameters, described: dict[str, Any], kind: str, variables: dict[str, dict[str, Any]]) -> None:
+    """Automations, pools of this kind and deployments on a server elsewhere."""
+    adopt(client_environment(service))
+    wait_for(api_url(service))
+    asyncio.run(_furnish(service, described, kind, variables))
+
+
 def stay(supervisor: Supervisor, until: Callable[[], bool] = lambda: False) -> None:
     """Keep all running and tidy up after killed and frozen runs, until interrupted."""
     tended = 0.0
     while not until():
         supervisor.look()
+        (supervisor.home / "alive").touch()  # what health checks of containers look at
         if time.monotonic() - tended > TEND_EVERY_S:
             asyncio.run(tend())
             tended = time.monotonic()
@@ -79,7 +107,9 @@ async def tend() -> None:
         return
 
 
-async def _furnish(service: ServiceParameters, described: dict[str, Any]) -> None:
+async def _furnish(
+    service: ServiceParameters, described: dict[str, Any], kind: str = "process", variables: dict[str, dict[str, Any]] | None = None
+) -> None:
     """Automations before anything could start a run; then what can be run."""
     from prefect.client.orchestration import get_client
 
@@ -88,7 +118,7 @@ async def _furnish(service: ServiceParameters, described: dict[str, Any]) -> Non
 
     async with get_client() as client:
         await arm(client, service.notify)
-        await deploy(client, described)
+        await deploy(client, described, kind=kind, variables=variables or {})
 
 
 def _refuse_taken_port(service: ServiceParameters) -> None:

@@ -1,4 +1,4 @@
-"""What a killed fit leaves behind and goes on from: where the search stood, and the frames of the replay it was in."""
+"""What a killed fit leaves behind and goes on from: which fabric came next, and the frames of the replay it was in."""
 
 import json
 from collections.abc import Sequence
@@ -10,23 +10,18 @@ import numpy as np
 from typing_extensions import override
 
 from tasks.cloth.adam_fd import Descent
-from tasks.cloth.gauss_newton import Progress
 from tasks.cloth.scene import FrameMemory
 from tasks.simulator import Fabric, Frame
 
 
-def save_progress(path: Path, progress: Progress) -> None:
-    """Where a Gauss–Newton fit stands, written aside and renamed."""
-    kept = {"fabric": asdict(progress.fabric), "damping": progress.damping, "history": progress.history, "reasons": progress.reasons}
-    _write(path, json.dumps(kept).encode())
+def save_fabric(path: Path, fabric: Fabric) -> None:
+    """The fabric that a fit tries next, written aside and renamed."""
+    _write(path, json.dumps(asdict(fabric)).encode())
 
 
-def load_progress(path: Path, otherwise: Fabric) -> Progress:
-    """What was saved, or a start with the other fabric."""
-    if not path.exists():
-        return Progress(otherwise)
-    kept = json.loads(path.read_text())
-    return Progress(Fabric(**kept["fabric"]), kept["damping"], tuple(kept["history"]), reasons=tuple(kept["reasons"]))
+def load_fabric(path: Path, otherwise: Fabric) -> Fabric:
+    """What was saved, or the other fabric."""
+    return Fabric(**json.loads(path.read_text())) if path.exists() else otherwise
 
 
 def save_descent(path: Path, descent: Descent) -> None:

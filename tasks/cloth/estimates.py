@@ -105,7 +105,7 @@ def _estimate(key: str, value: float, unit: str, variance: float, doubt: str) ->
 def _doubt(scene: Scene, fit: Fit, p: int) -> str:
     """Why parameter p is not estimated; empty where it is."""
     name = PARAMETERS[p]
-    if not fit.replay.complete:
+    if not np.isfinite(fit.normal.A).all():
         return f"not estimated: {fit.ending}"
     if bound := at_bound(fit.fabric, name):
         return bound

@@ -1,4 +1,4 @@
-"""Garment parameters by Gauss–Newton on the tangents of the simulation.
+"""Garment parameters by Gauss–Newton on the tangents of one replay of the whole recording (`windowed_fit.py` cuts it into windows).
 
     minimise over θ = (log κ_s, log κ_b)   Σ ρ(|x̂ − x(θ)|/σ),    ρ Huber's loss, over free, seen vertices
 
@@ -10,6 +10,7 @@ of `BLOCK` frames, not vertices, are taken as independent.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,9 @@ class Normal:
 
     @property
     def step(self) -> Array:
-        """The undamped Gauss–Newton step [P]; 0 along what the data do not touch."""
+        """The undamped Gauss–Newton step [P]; 0 along what the data do not touch, NaN where nothing was simulated."""
+        if not np.isfinite(self.A).all():
+            return np.full(self.g.shape[1], np.nan)
         return np.linalg.pinv(self.A.sum(0), rcond=1e-10, hermitian=True) @ self.g.sum(0)
 
     @property
@@ -107,10 +110,29 @@ def fit(
     return Fit(state.fabric, normal_equations(scene, now), now, state.history, state.ending, state.reasons)
 
 
-def further_step(scene: Scene, fabric: Fabric) -> Array:
-    """What one more undamped iteration would add to the logarithms [P] on this scene; NaN where the simulation fails."""
-    now = replay(scene, fabric, tangents=PARAMETERS)
-    return normal_equations(scene, now).step if now.complete else np.full(len(PARAMETERS), np.nan)
+class Objective(Protocol):
+    """What says how well a fabric explains a scene; NaN where the simulation fails."""
+
+    def loss(self, scene: Scene, fabric: Fabric) -> float:
+        """What is minimised."""
+        ...
+
+    def normal(self, scene: Scene, fabric: Fabric) -> Normal:
+        """Linearised at a fabric."""
+        ...
+
+
+class WholeReplay:
+    """One replay of everything: the objective of `fit`."""
+
+    def loss(self, scene: Scene, fabric: Fabric) -> float:
+        """Weighted mean square of the residual."""
+        now = replay(scene, fabric)
+        return loss(scene, now) if now.complete else np.nan
+
+    def normal(self, scene: Scene, fabric: Fabric) -> Normal:
+        """By blocks of frames."""
+        return normal_equations(scene, replay(scene, fabric, tangents=PARAMETERS))
 
 
 def _iterate(scene: Scene, state: Progress, now: Replay, memory: FrameMemory) -> tuple[Progress, Replay]:
@@ -169,7 +191,18 @@ def normal_equations(scene: Scene, at: Replay) -> Normal:
     return Normal(np.stack([g[block == b].sum(0) for b in present]), np.stack([A[block == b].sum(0) for b in present]))
 
 
+def rms_mm(scene: Scene, at: Replay) -> float:
+    """Root mean square distance to what was observed, as far as the replay goes."""
+    T = len(at.x)
+    misfit = (scene.observed[:T] - at.x)[scene.compared[:T]]
+    return float(1e3 * np.sqrt(np.mean(np.sum(misfit**2, 1)))) if len(misfit) else float("nan")
+
+
 def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:
-    misfit = (scene.observed - at.x)[scene.compared]
-    rms = float(1e3 * np.sqrt(np.mean(np.sum(misfit**2, 1))))
-    return {"loss": loss(scene, at), "rms_mm": rms, "kappa_s": fabric.membrane, "kappa_b": fabric.bending, "seconds": at.seconds}
+    return {
+        "loss": loss(scene, at),
+        "rms_mm": rms_mm(scene, at),
+        "kappa_s": fabric.membrane,
+        "kappa_b": fabric.bending,
+        "seconds": at.seconds,
+    }

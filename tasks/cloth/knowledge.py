@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.estimates import GAUGE, LEAST_KNOWN
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, further_step, loss, moved
-from tasks.cloth.scene import Scene, replay
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, Objective, WholeReplay, moved
+from tasks.cloth.scene import Scene
 from tasks.simulator import Fabric
 
 Array = NDArray[np.float64]
@@ -24,45 +24,54 @@ Array = NDArray[np.float64]
 NAMES = dict(zip(PARAMETERS, ("kappa_s_over_rho", "kappa_b_over_rho")))
 DRAWS = 500
 FACTORS = (0.5, 2.0)
+WHOLE = WholeReplay()
 OFFSETS = (-2.0, -1.0, 1.0, 2.0)  # standard deviations
 
 
-def knowledge(scene: Scene, fit: Fit, *, otherwise: Scene | None = None, profiles: bool = False) -> dict[str, Any]:
-    """Everything above as JSON; `otherwise` is the scene with its boundary driven the other way. Empty where the fit failed."""
-    if not fit.replay.complete:
-        return {}
+def knowledge(
+    scene: Scene, fit: Fit, *, objective: Objective = WHOLE, otherwise: Scene | None = None, profiles: bool = False
+) -> dict[str, Any]:
+    """Everything above as JSON, of what `objective` found; `otherwise` is the scene with its boundary driven the other way.
+
+    Only the gauge where the fit failed.
+    """
+    if not np.isfinite(fit.normal.A).all():
+        return {"gauge": {"sentence": GAUGE}}
     found = {
-        "gauge": gauge(scene, fit.fabric) if profiles else {"sentence": GAUGE},
+        "gauge": gauge(scene, fit.fabric, objective) if profiles else {"sentence": GAUGE},
         "bootstrap": intervals(fit.fabric, bootstrap(fit.normal)),
-        "half_step": half_step(scene, fit),
+        "half_step": half_step(scene, fit, objective),
     }
     if otherwise is not None:
-        found["other_boundary"] = altered(otherwise, fit, "with the boundary driven the other way")
+        found["other_boundary"] = altered(otherwise, fit, objective, "with the boundary driven the other way")
     if profiles:
-        found["profile"] = {NAMES[name]: profile(scene, fit, p) for p, name in enumerate(PARAMETERS)}
+        found["profile"] = {NAMES[name]: profile(scene, fit, p, objective) for p, name in enumerate(PARAMETERS)}
     return found
 
 
-def gauge(scene: Scene, fabric: Fabric, factors: Sequence[float] = FACTORS) -> dict[str, Any]:
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def gauge(scene: Scene, fabric: Fabric, objective: Objective = WHOLE, factors: Sequence[float] = FACTORS) -> dict[str, Any]:
     """Losses at c·(ρ, κ_s, κ_b), and the sentence."""
     rows = []
     for c in (1.0, *factors):
-        now = replay(scene, replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending))
-        rows.append({"factor": c, "loss": loss(scene, now) if now.complete else None})
+        scaled = replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending)
+        rows.append({"factor": c, "loss": _finite(objective.loss(scene, scaled))})
     return {"sentence": GAUGE, "profile": rows}
 
 
-def profile(scene: Scene, fit: Fit, p: int, offsets: Sequence[float] = OFFSETS) -> list[dict[str, Any]]:
+def profile(scene: Scene, fit: Fit, p: int, objective: Objective = WHOLE, offsets: Sequence[float] = OFFSETS) -> list[dict[str, Any]]:
     """Loss at values of parameter p that lie `offsets` standard deviations from the optimum, the other parameter at its conditional optimum."""
     C = fit.covariance
     along = C[:, p] / C[p, p]  # the valley: 1 along p, what the other one does with it
-    at_optimum = loss(scene, fit.replay)
+    at_optimum = objective.loss(scene, fit.fabric)
     rows = []
     for offset in sorted((*offsets, 0.0)):
         fabric = moved(fit.fabric, offset * np.sqrt(C[p, p]) * along)
-        now = fit.replay if offset == 0 else replay(scene, fabric)
-        value = (fabric.membrane, fabric.bending)[p] / fabric.density
-        rows.append({"value": value, "deviations": offset, "rise": loss(scene, now) / at_optimum - 1 if now.complete else None})
+        rise = 0.0 if offset == 0 else objective.loss(scene, fabric) / at_optimum - 1
+        rows.append({"value": (fabric.membrane, fabric.bending)[p] / fabric.density, "deviations": offset, "rise": _finite(rise)})
     return rows
 
 
@@ -84,15 +93,15 @@ def intervals(fabric: Fabric, steps: Array) -> dict[str, Any]:
     return found
 
 
-def half_step(scene: Scene, fit: Fit) -> dict[str, Any]:
+def half_step(scene: Scene, fit: Fit, objective: Objective = WHOLE) -> dict[str, Any]:
     """What half the time step would change."""
     fine = replace(scene, settings=replace(scene.settings, substeps=2 * scene.settings.substeps))
-    return altered(fine, fit, "at half the time step")
+    return altered(fine, fit, objective, "at half the time step")
 
 
-def altered(scene: Scene, fit: Fit, how: str) -> dict[str, Any]:
+def altered(scene: Scene, fit: Fit, objective: Objective, how: str) -> dict[str, Any]:
     """Factors by which the ratios would change on an altered scene, and the sentence; None where a linear step cannot say."""
-    change = further_step(scene, fit.fabric) - fit.normal.step
+    change = objective.normal(scene, fit.fabric).step - fit.normal.step
     if not np.isfinite(change).all():
         return {"sentence": f"{how} the simulation fails"}
     factors = {NAMES[name]: float(np.exp(c)) if abs(c) < LEAST_KNOWN else None for name, c in zip(PARAMETERS, change)}

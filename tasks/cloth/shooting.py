@@ -26,6 +26,7 @@ REFERENCE_DENSITY = 320.0  # [kg/m³] the bounds hold for κ · 320/ρ: they lim
 BOUNDS = {"log_membrane": (np.log(0.02), np.log(200.0)), "log_bending": (np.log(0.1), np.log(500.0))}
 LARGEST_STEP = 1.2  # of a logarithm
 SETTLED = 0.05  # of a logarithm
+PROMISE = 0.003  # share of the misfit that a step must promise to take away
 SIGMA_X = (0.3, 1.0, 3.0)  # candidates for σ_x, of the noise
 SIGMA_V = (0.01, 0.03, 0.1, 0.3)  # candidates for σ_v [m/s]
 
@@ -139,7 +140,9 @@ class BaseFit:
     ending: str
 
 
-def refit(jobs: Sequence[Job], *, noise: float, iterations: int = 4, run: Map = map, tell: Callable[[str], None] = lambda text: None) -> BaseFit:
+def refit(
+    jobs: Sequence[Job], *, noise: float, iterations: int = 4, run: Map = map, tell: Callable[[str], None] = lambda text: None
+) -> BaseFit:
     """Fit `PARAMETERS` from the model of the jobs, all of one model."""
     model, damping, history = jobs[0].model, 1e-3, []
     now = list(run(follow, jobs))
@@ -154,7 +157,8 @@ def refit(jobs: Sequence[Job], *, noise: float, iterations: int = 4, run: Map = 
             break
         step = np.clip(np.linalg.solve(A + damping * np.diag(np.diag(A)) + 1e-9 * np.eye(2), g), -LARGEST_STEP, LARGEST_STEP)
         step = moved(model.subject.fabric, step)[1]
-        if np.abs(step).max() < SETTLED:
+        promised = step @ (g - 0.5 * A @ step) / sum(without_state(e.normals, prior).c for e in now if e.prediction.complete)
+        if np.abs(step).max() < SETTLED or promised < PROMISE:
             ending = "converged"
             break
         tried_model = with_fabric(model, moved(model.subject.fabric, step)[0])
@@ -208,4 +212,11 @@ def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, flo
     done = [e.normals for e in now if e.prediction.complete]
     n = max(sum(d.n for d in done), 1)
     misfit = sum(without_state(d, prior).c for d in done) / n
-    return {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "misfit": misfit, "windows": len(done), "sigma_x": prior.x, "sigma_v": prior.v}
+    return {
+        "kappa_s": fabric.membrane,
+        "kappa_b": fabric.bending,
+        "misfit": misfit,
+        "windows": len(done),
+        "sigma_x": prior.x,
+        "sigma_v": prior.v,
+    }

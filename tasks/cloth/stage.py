@@ -1,7 +1,6 @@
 """The doors of cloth: garments of a recorded actor, or of anybody's tracked geometry. Fit each fabric, publish it and how it then moves."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,25 +11,26 @@ from storage_schemas.cloth import Cloth as ClothRecord
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.capture.tracked_geometry import read_tracked_geometry
-from tasks.child_process import ChildFailed, ChildTimedOut, Pool, run_in_children
+from tasks.child_process import Pool
 from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
 from tasks.cloth.boundary import fastened_nodes
-from tasks.cloth.checkpoints import FrameFile, load_descent, load_progress, save_descent, save_progress
+from tasks.cloth.checkpoints import FrameFile, load_descent, load_fabric, save_descent, save_fabric
 from tasks.cloth.collider import fitted_collider
+from tasks.cloth.driven_motion import quieted
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, normal_equations
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.rest_shape import pattern
 from tasks.cloth.scene import Scene, replay
 from tasks.cloth.start import start_velocity
 from tasks.cloth.tracked_scene import tracked_scene
+from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.geometry.faults import BadInput, Fault
 from tasks.simulator import Cloth, Collider, Fabric, Settings
 from tasks.skinning.linear_blend import repose
 from tasks.stage import Folder, Job, Parameters, stage
-
 
 GAUSS_NEWTON_ITERATIONS = 8
 
@@ -133,7 +133,7 @@ def _scene(garment: Garment, capture: Capture, body: Body, tracking: Tracking, s
     frames = slice(0, parameters.frames + 1)
     observed, person = garment.observed[frames], body.vertices[frames].astype(float)
     fastening = fastened_nodes(observed, garment.faces, person, body.faces)
-    driven = observed[:, fastening.nodes]
+    driven = quieted(observed[:, fastening.nodes], float(np.median(garment.noise_m[frames])))
     if parameters.boundary == "skinned":
         own = garment.index[fastening.nodes]
         driven = repose(
@@ -161,52 +161,48 @@ Fitted = tuple[Scene, Fit, dict[str, Any]]
 
 
 def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
-    """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried."""
-    fitted = (
-        [_by_differences(job, each, parameters) for each in work] if parameters.method == "adam-fd" else _by_tangents(job, work, parameters)
-    )
-    for each, (_, found, _) in zip(work, fitted):
-        for said in (*found.reasons, *([] if found.replay.complete else [found.ending])):
+    """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried.
+
+    Windows, or the four simulations of Algorithm 1, are mapped over two processes; one that is killed or slow is begun again.
+    """
+    fitted = []
+    for each in work:
+        with Pool(limit_s=parameters.limit_s, attempts=parameters.attempts) as pool:
+            by = _by_differences if parameters.method == "adam-fd" else _by_tangents
+            scene, found, known = by(job, each, parameters, pool)
+            found = replace(found, reasons=(*pool.reasons, *found.reasons))
+        for said in (*found.reasons, *([] if found.replay.complete else [f"replay of the whole: {found.replay.ending}"])):
             job.warn(f"{each.name}: {said}")
+        fitted.append((scene, found, known))
     return fitted
 
 
-def _by_tangents(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
-    """Gauss–Newton, two garments at a time, each in a child process; a killed one goes on where it was."""
-    arguments = [(each, parameters, str(job.checkpoint)) for each in work]
-    told = [0.0] * len(work)
+def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) -> Fitted:
+    """Gauss–Newton on windows; one that was interrupted goes on from the fabric it tried last."""
+    saved, memory = job.checkpoint / f"{work.name}.json", FrameFile(job.checkpoint / f"{work.name}.npz")
+    start = load_fabric(saved, work.fabric)
+    scene = started_well(work.scene, start)
 
-    def on_message(index: int, message: dict[str, Any]) -> None:
-        told[index] = message["fraction"]
-        job.progress(float(np.mean(told)), f"{work[index].name}: {message['rms_mm']:.1f} mm")
+    def mapped(function: Any, jobs: Any) -> list[Any]:
+        jobs = list(jobs)
+        if jobs:
+            save_fabric(saved, jobs[0].model.subject.fabric)
+        return pool.map(function, jobs)
 
-    for attempt in range(1, parameters.attempts + 1):
-        try:
-            return run_in_children(_fit, arguments, limit_s=parameters.limit_s, on_message=on_message)
-        except (ChildFailed, ChildTimedOut) as error:
-            if attempt == parameters.attempts:
-                raise
-            job.warn(f"{error}; going on from the last frame (attempt {attempt + 1} of {parameters.attempts})")
-            job.notes.append(str(error))
-    raise AssertionError("unreachable")
-
-
-def _fit(work: Work, parameters: FitParameters, checkpoint: str, tell: Any) -> Fitted:
-    """Runs in a child process."""
-    saved, memory = Path(checkpoint) / f"{work.name}.json", FrameFile(Path(checkpoint) / f"{work.name}.npz")
     iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
+    told = [0]
 
-    def on_iteration(progress: Progress) -> None:
-        save_progress(saved, progress)
-        tell({"fraction": len(progress.history) / (iterations + 1), "rms_mm": progress.history[-1]["rms_mm"]})
+    def tell(text: str) -> None:
+        told[0] += 1
+        job.progress(told[0] / (iterations + 1), f"{work.name}: {text}")
 
-    start = load_progress(saved, work.fabric)
-    found = fit(work.scene, start, iterations=iterations, on_iteration=on_iteration, memory=memory)
-    return work.scene, found, knowledge(work.scene, found, otherwise=work.otherwise, profiles=parameters.profiles)
+    found = fit_windows(scene, start, iterations=iterations, run=mapped, memory=memory, tell=tell)
+    known = knowledge(scene, found, objective=Windowed(pool.map), otherwise=work.otherwise, profiles=parameters.profiles)
+    return scene, found, known
 
 
-def _by_differences(job: Job, work: Work, parameters: FitParameters) -> Fitted:
-    """Algorithm 1, its four simulations of an iteration in two processes."""
+def _by_differences(job: Job, work: Work, parameters: FitParameters, pool: Pool) -> Fitted:
+    """Algorithm 1."""
     scene, saved = as_algorithm_1(work.scene), job.checkpoint / f"{work.name}.json"
     iterations = parameters.iterations or ITERATIONS
 
@@ -215,13 +211,12 @@ def _by_differences(job: Job, work: Work, parameters: FitParameters) -> Fitted:
         job.progress(len(descent.history) / iterations, f"{work.name}: {descent.history[-1]['rms_mm']:.1f} mm")
 
     start = load_descent(saved, Descent.at([work.fabric.density, work.fabric.membrane, work.fabric.bending]))
-    with Pool(limit_s=parameters.limit_s, attempts=parameters.attempts) as pool:
-        descent = descend(
-            scene, work.fabric, start, iterations=iterations, as_released=parameters.as_released, run=pool.map, on_iteration=on_iteration
-        )
+    descent = descend(
+        scene, work.fabric, start, iterations=iterations, as_released=parameters.as_released, run=pool.map, on_iteration=on_iteration
+    )
     fabric = found_fabric(work.fabric, descent, density=work.fabric.density if work.weighed else None)
     last = replay(scene, fabric, tangents=PARAMETERS)
-    found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending, tuple(pool.reasons))
+    found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending)
     return scene, found, knowledge(scene, found, profiles=parameters.profiles)
 
 

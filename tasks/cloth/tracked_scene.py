@@ -7,8 +7,9 @@
 | mass_kg | the density is known: mass over rest area over t | density 320 kg/m³, only ratios mean anything |
 | noise_cov, noise_m | weights | 1 mm |
 
-Driven nodes follow the tracked surface, or ride on the nearest face of the collider ("skinned": linear blending by the nearest skin, for a surface
-that is already posed). A collider that the tracked garment pokes through is drawn in (`collider.py`).
+Driven nodes follow the tracked surface, quieted where the file tells its noise (`driven_motion.py`), or ride on the nearest face of the collider
+("skinned": linear blending by the nearest skin, for a surface that is already posed).
+A collider that the tracked garment pokes through is drawn in (`collider.py`).
 """
 
 from dataclasses import dataclass, fields, replace
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from tasks.capture.tracked_geometry import TrackedGeometry
 from tasks.cloth.boundary import carried, fastened_nodes
 from tasks.cloth.collider import deepest_poke, fitted_collider
+from tasks.cloth.driven_motion import quieted
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
@@ -75,12 +77,13 @@ def tracked_scene(
     cloth = _cloth(track, x[0], nodes)
     if track.mass_kg is not None:
         fabric = replace(fabric, density=track.mass_kg / float(cloth.rest_areas.sum()) / THICKNESS)
+    measured = track.noise_m is not None or track.noise_cov is not None
     noise = np.full(x.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m[cut], 1e-5)
     noise_cov = None if track.noise_cov is None else track.noise_cov[cut]
     if noise_cov is not None:
         noise = np.sqrt(np.maximum(np.trace(noise_cov, axis1=2, axis2=3), 1e-10) / 3)
     collider, motion, drawn = _collider(track, x, body, cloth, float(np.median(noise)))
-    driven = {"tracked": x[:, nodes]}
+    driven = {"tracked": quieted(x[:, nodes], float(np.median(noise)) if measured else 0.0)}
     if body is not None and len(nodes):
         driven["skinned"] = carried(x[0, nodes], body, track.collider_faces)
     scene = Scene(

@@ -10,6 +10,7 @@ as columns. What a window says about everything is kept as its normal equations,
 Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -81,7 +82,7 @@ def windows(recordings: Sequence[Recording], fps: float) -> list[Window]:
     for k, recording in enumerate(recordings):
         count = max(1, round((len(recording) - 1) / length))
         starts = np.linspace(0, len(recording) - 1, count + 1).round().astype(int)
-        found += [Window(k, int(a), int(b - a)) for a, b in zip(starts, starts[1:], strict=False)]
+        found += [Window(k, int(a), int(b - a)) for a, b in itertools.pairwise(starts)]
     return found
 
 
@@ -161,7 +162,9 @@ def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Nor
     L = np.linalg.cholesky(M)
     B = np.linalg.solve(L, s[:, None] * normals.G[np.ix_(z, x)])
     b = np.linalg.solve(L, s * normals.g[z])
-    return Normals(tuple(np.array(normals.names)[x]), normals.G[np.ix_(x, x)] - B.T @ B, normals.g[x] - B.T @ b, normals.c - float(b @ b), normals.n)
+    return Normals(
+        tuple(np.array(normals.names)[x]), normals.G[np.ix_(x, x)] - B.T @ B, normals.g[x] - B.T @ b, normals.c - float(b @ b), normals.n
+    )
 
 
 def log_determinant(normals: Normals, names: Sequence[str], variance: Array) -> float:

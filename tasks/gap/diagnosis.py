@@ -8,6 +8,7 @@ Everything before the verdict sees the training windows only. `run` maps a funct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,13 @@ from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, follow, mov
 from tasks.cloth.start_state import States, states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, Window, windows
-from tasks.effects.effect import Effect, Subject
+from tasks.effects.effect import Effect
 from tasks.effects.model import Model
+from tasks.gap.acceleration import effect_acceleration, residual_acceleration
+from tasks.gap.held_out import Shrinkage, shrinkage
 from tasks.gap.hypotheses import Fitted, Windows
-from tasks.gap.numerics import corrected, finer_offset
+from tasks.gap.numerics import corrected, finer_offset, size
+from tasks.gap.verdict import Candidate, Verdict, judge
 
 Array = NDArray[np.float64]
 
@@ -51,6 +55,27 @@ class Screened:
     evidence: tuple[Evidence, ...]
     windows: Windows
     hypotheses: tuple[Fitted, ...]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer and what it rests on.
+
+    before, after [n, V, 3] m: residuals of the windows' frames, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
+    first recording; parameters: ratios of stiffness to density with intervals.
+    """
+
+    verdict: Verdict
+    shrinkage: Shrinkage
+    before: Array
+    after: Array
+    zone: NDArray[np.str_]
+    vertex_accel: Array
+    frame_mm: Array
+    parameters: dict[str, dict[str, Any]]
+    base: Model
+    named: Model
+    screened: Screened | None
 
 
 @dataclass(frozen=True)
@@ -90,10 +115,12 @@ def jobs(model: Model, data: Data, φ: Array, **options) -> list[Job]:
     return [Job(model, data.recordings[w.recording], w, data.states[w.recording], φ, **options) for w in data.windows]
 
 
-def screen(model: Model, data: Data, effects: Sequence[Effect], *, run: Map = map, tell: Callable[[str], None] = lambda text: None) -> Screened:
+def screen(
+    model: Model, data: Data, effects: Sequence[Effect], *, run: Map = map, tell: Callable[[str], None] = lambda text: None
+) -> Screened:
     """Base refit, numerics, and the tangents of all effects on the training windows."""
     φ = smooth_modes(model.subject.cloth, MODES)
-    noise = float(np.median([np.median(r.noise) for r in data.recordings]))
+    noise = _noise(data.recordings)
     base = refit(jobs(model, data, φ), noise=noise, run=run, tell=tell)
     followed = [e.prediction.complete for e in base.evidence]
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
@@ -140,6 +167,123 @@ def refitted(screened: Screened, data: Data, hypothesis: Fitted, effects: Sequen
     todo = [replace(job, offset=o) for job, o in zip(jobs(model, data, φ, columns=True, prior=base.prior), offsets, strict=True)]
     evidence = tuple(run(follow, todo))
     if not all(e.prediction.complete for e in evidence):
-        return Refitted(replace(hypothesis, score=-np.inf), model, evidence)
+        return Refitted(replace(hypothesis, gains=np.full(len(evidence), -1.0)), model, evidence)
     after = screened.windows.again([corrected(without_state(e.normals, base.prior)) for e in evidence], hypothesis)
     return Refitted(after, model, evidence)
+
+
+def diagnose(
+    model: Model,
+    recordings: Sequence[Recording],
+    effects: Sequence[Effect],
+    *,
+    held_out: Callable[[], Sequence[Recording]] | None = None,
+    quick: bool = False,
+    run: Map = map,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:
+    """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed."""
+    tell("states")
+    data = gather(model, recordings, run)
+    train, held = (data, None) if held_out is not None else split(data)
+    doubt = _untestable(data, train)
+    if doubt:
+        return _unanswered(model, recordings, doubt)
+    screened = screen(model, train, effects, run=run, tell=tell)
+    if len(screened.evidence) < FEWEST_WINDOWS:
+        return _unanswered(
+            screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
+        )
+    verdict = judge(screened.windows, screened.hypotheses, unexplained=unexplained(screened, _noise(recordings)))
+    named = Refitted(verdict.named, screened.base.model, screened.evidence)
+    if verdict.named is not None:
+        tell(f"refit with {verdict.named.name}")
+        named = refitted(screened, train, verdict.named, effects, run=run)
+        if not quick:
+            named = refitted(screened, train, named.hypothesis, effects, run=run)
+        verdict = replace(verdict, named=named.hypothesis)
+    tell("held-out windows")
+    kept = gather(screened.base.model, held_out(), run) if held_out is not None else held
+    return _concluded(screened, verdict, named, train, kept, run)
+
+
+def unexplained(screened: Screened, noise: float) -> float:
+    """Doubt in 0..1 that the library holds the cause: the share of the misfit, beyond noise and numerics, that even the best leaves."""
+    base, best = screened.windows.base.misfits.sum(), min(h.misfits.sum() for h in screened.hypotheses)
+    residual = np.nanmean([np.nanmean(np.sum(e.residual**2, -1)) for e in screened.evidence])
+    known = 2 * noise**2 * 3 + 4 * np.mean([size(e) ** 2 for e in screened.evidence])  # the start errs about as much as what is observed
+    excess = max(0.0, 1 - known / max(residual, 1e-30))
+    return float(np.clip(best / base, 0, 1) * excess)
+
+
+def _noise(recordings: Sequence[Recording]) -> float:
+    return float(np.median([np.median(r.noise) for r in recordings]))
+
+
+def _untestable(data: Data, train: Data) -> str:
+    stuck = [f"recording {k}: {s.ending}" for k, s in enumerate(data.states) if len(s.x) < len(data.recordings[k])]
+    if len(train.windows) < FEWEST_WINDOWS:
+        return "; ".join(stuck) or f"{len(train.windows)} windows of a fifth of a second are too few, {FEWEST_WINDOWS} are needed"
+    return ""
+
+
+def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Data, kept: Data | None, run: Map) -> Diagnosis:
+    base, prior = screened.base, screened.base.prior
+    held = kept is not None and bool(kept.windows)
+    floor = 1e3 * np.sqrt(3 * np.mean([np.mean(r.noise**2) for r in train.recordings]) + np.mean([size(e) ** 2 for e in screened.evidence]))
+    before, after = list(screened.evidence), list(named.evidence)
+    if held:
+        φ = smooth_modes(base.model.subject.cloth, MODES)
+        before = list(run(follow, jobs(base.model, kept, φ, prior=prior)))
+        after = before if verdict.named is None else list(run(follow, jobs(corrected_model(named), kept, φ, prior=prior)))
+    gap = shrinkage(before, after, floor_mm=float(floor), held_out=held)
+    if verdict.named is not None and held and gap.closed_fraction is not None and not gap.shrinks:
+        reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
+        verdict = replace(verdict, kind="none", named=None, classes=(), reason=reason, probability=_of(verdict, "none"))
+    fps = base.model.subject.fps
+    accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)
+    final = corrected_model(named) if verdict.named is not None else base.model
+    r = [np.concatenate([e.residual for e in evidence if e.residual is not None]) for evidence in (before, after)]
+    return Diagnosis(
+        verdict, gap, *r, base.model.subject.zone, accel, _by_frame(screened.evidence, train), ratios(screened), base.model, final, screened
+    )
+
+
+def corrected_model(named: Refitted) -> Model:
+    """The model of a refit after its last linear step."""
+    h = named.hypothesis
+    fabric = moved(named.model.subject.fabric, h.base)[0]
+    return with_fabric(replace(named.model, effects=h.effects, strengths={e.name: h.θ(e) for e in h.effects}), fabric)
+
+
+def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
+    """κ_s/ρ and κ_b/ρ [m³/kg] of the refitted base, 90 % intervals by the jackknife over windows."""
+    fabric, sd = screened.base.model.subject.fabric, np.sqrt(np.maximum(np.diag(screened.windows.base.base_covariance), 0))
+    found = {}
+    for name, value, s in zip(("kappa_s_over_rho", "kappa_b_over_rho"), (fabric.membrane, fabric.bending), sd, strict=True):
+        ratio = value / fabric.density
+        found[name] = {"value": ratio, "low": ratio * np.exp(-1.645 * s), "high": ratio * np.exp(1.645 * s), "unit": "m3/kg"}
+    return found
+
+
+def _of(verdict: Verdict, name: str) -> float:
+    return next(c.probability for c in verdict.ranking if c.names == (name,))
+
+
+def _by_frame(evidence: Sequence[Evidence], train: Data) -> Array:
+    """Root mean square residual [mm] of each frame of the first recording; NaN where no window looks."""
+    mm = np.full(len(train.recordings[0]), np.nan)
+    for e in evidence:
+        w = e.prediction.window
+        if w.recording == 0:
+            mm[w.start + 1 : w.start + 1 + w.length] = [1e3 * np.sqrt(np.nanmean(np.sum(r**2, -1))) for r in e.residual]
+    return mm
+
+
+def _unanswered(model: Model, recordings: Sequence[Recording], reason: str) -> Diagnosis:
+    V, T = recordings[0].observed.shape[1], len(recordings[0])
+    nothing = np.full((1, V, 3), np.nan)
+    ranking = (Candidate(("none",), 0.5), Candidate(("outside_library",), 0.5))
+    verdict = Verdict("not_testable", None, (), 1.0, ranking, reason)
+    gap = Shrinkage(np.nan, np.nan, np.nan, None, None, None, False)
+    return Diagnosis(verdict, gap, nothing, nothing, model.subject.zone, np.full(V, np.nan), np.full(T, np.nan), {}, model, model, None)

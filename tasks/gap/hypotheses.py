@@ -4,11 +4,15 @@ A hypothesis is a set of effects. Its strengths θ and corrections of the base p
 
     Σ_w (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ) / s_w  +  prior,     C_w = R + S_z P S_zᵀ + D Dᵀ
 
-within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. It is scored on windows that its
-strengths were not fitted on:  L = ½ ν Σ_w log(J_w(base)/J_w(H)), the likelihood of ν independent residuals of unknown scale per window.
-Neighbouring vertices err together, so ν is small and set by calibration, not by counting coordinates.
+within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. It is judged on windows that its
+strengths were not fitted on. With J_w the misfit beyond white noise, the gain of window w is g_w = log(J_w(base)/J_w(H)), and
 
-Source: leave-one-out cross-validation (Stone 1974); unknown-scale Gaussian likelihood (Jeffreys). Limits: linear in θ.
+    L = ½ W log(1 + t²/(W − 1)),     t = √W ḡ / s_g        (0 where ḡ ≤ 0)
+
+is the log likelihood ratio of a mean gain against none when the spread of the gains is unknown. Windows, not coordinates, count as independent:
+neighbouring vertices err together, and a cause that is right helps in window after window.
+
+Source: leave-one-out cross-validation (Stone 1974); Student's likelihood ratio (Kendall & Stuart, ch. 22). Limits: linear in θ.
 """
 
 from collections.abc import Sequence
@@ -24,25 +28,33 @@ from tasks.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
-INDEPENDENT = 12.0  # ν, residuals per window
+GAIN_SPREAD, GAIN_WINDOWS = 0.03, 2.0  # spread of gains known beforehand, and the number of windows that knowledge is worth
+NOISE_DOUBT = 0.1  # share of the stated noise variance that may be wrong: misfits below that are all alike
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A hypothesis: effects, steps of the base parameters' logarithms, strengths column -> value, their covariance [K, K], score L.
+    """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K, K].
 
-    misfits [W]: of each window, fitted on the others; each [W, K]: the strengths found without that window.
+    misfits [W]: of each window beyond noise, fitted on the others; each [W, K]: the strengths found without that window;
+    gains [W]: log of the base's misfit over this one's.
     """
 
     effects: tuple[Effect, ...]
     base: Array
+    base_covariance: Array
     strengths: dict[str, float]
     covariance: Array
     misfits: Array
     each: Array
-    score: float
+    gains: Array
+
+    @cached_property
+    def score(self) -> float:
+        """L of the mean gain."""
+        return likelihood_ratio(self.gains)
 
     @property
     def name(self) -> str:
@@ -52,6 +64,19 @@ class Fitted:
     def θ(self, effect: Effect) -> Array:
         """Strengths [K] of one effect."""
         return np.array([self.strengths[c] for c in effect.columns])
+
+
+def likelihood_ratio(gains: Array) -> float:
+    """L of the mean of gains [W]."""
+    t, W = student(gains), len(gains)
+    return float(W / 2 * np.log1p(t**2 / max(W - 1, 1))) if t > 0 else 0.0
+
+
+def student(gains: Array) -> float:
+    """t of the mean of gains [W], their spread shrunk towards what is known beforehand."""
+    W = len(gains)
+    variance = (np.sum((gains - gains.mean()) ** 2) + GAIN_WINDOWS * GAIN_SPREAD**2) / max(W - 1 + GAIN_WINDOWS, 1)
+    return float(np.sqrt(W) * gains.mean() / np.sqrt(variance))
 
 
 class Windows:
@@ -70,6 +95,12 @@ class Windows:
         return np.array([max(1.0, self._misfit(k, names, θ) / n.n) for k, n in enumerate(self.normals)])
 
     @cached_property
+    def noise(self) -> Array:
+        """What white noise explains of each misfit [W]: a little less than one per coordinate."""
+        θ, names = self._solve(self.effects, 1 / self.overdispersion, np.arange(len(self)))
+        return np.array([(1 - NOISE_DOUBT) * min(n.n, self._misfit(k, names, θ)) for k, n in enumerate(self.normals)])
+
+    @cached_property
     def base(self) -> Fitted:
         """Nothing missing."""
         return self._fitted(())
@@ -81,7 +112,7 @@ class Windows:
     def again(self, normals: Sequence[Normals], before: Fitted) -> Fitted:
         """The hypothesis after a new simulation at its strengths: `normals` [W] are linear about those."""
         there = Windows(normals, self.effects)
-        there.__dict__["overdispersion"] = self.overdispersion  # scores compare only under one weight per window
+        there.__dict__ |= {"overdispersion": self.overdispersion, "noise": self.noise}  # scores compare only under the same weights
         return there._fitted(before.effects, about=before, against=self.base.misfits)
 
     def _fitted(self, effects: tuple[Effect, ...], *, about: Fitted | None = None, against: Array | None = None) -> Fitted:
@@ -92,13 +123,15 @@ class Windows:
             origin[p:] = list(about.strengths.values())
         θ, names = self._solve(effects, w, everything, origin)
         each = np.array([self._solve(effects, w, everything[everything != k], origin)[0] for k in everything]) if len(self) > 1 else θ[None]
-        misfits = np.array([max(self._misfit(k, names, t - origin), 1e-9) for k, t in enumerate(each)])
+        misfits = np.maximum([self._misfit(k, names, t - origin) - self.noise[k] for k, t in enumerate(each)], 1e-3 * self.noise)
         against = self.base.misfits if against is None and effects else against
-        score = 0.0 if against is None else float(INDEPENDENT / 2 * np.log(against / misfits).sum())
+        gains = np.zeros(len(self)) if against is None else np.log(against / misfits)
         # jackknife (Efron 1982): windows, not coordinates, are independent
         spread = each - each.mean(0)
         covariance = (len(self) - 1) / len(self) * spread.T @ spread
-        return Fitted(effects, θ[:p], dict(zip(names[p:], θ[p:], strict=True)), covariance[p:, p:], misfits, each[:, p:], score)
+        return Fitted(
+            effects, θ[:p], covariance[:p, :p], dict(zip(names[p:], θ[p:], strict=True)), covariance[p:, p:], misfits, each[:, p:], gains
+        )
 
     def _solve(self, effects: Sequence[Effect], weights: Array, which: Array, origin: Array | None = None) -> tuple[Array, list[str]]:
         """θ [P] of base parameters and strengths within their ranges, and the columns' names; normals are linear about `origin` [P]."""

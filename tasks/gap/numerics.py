@@ -23,7 +23,9 @@ SPREAD = 1.0  # standard deviation of the coefficient
 def finer_offset(job: Job, coarse: Array) -> Array | None:
     """x(finer) − x(coarse) [L, V, 3] m of a window whose coarse prediction is [L + 1, V, 3] m; None where the finer run fails."""
     settings = replace(job.model.settings, substeps=2 * job.model.settings.substeps)
-    model = replace(job.model, settings=settings, effects=(*job.model.effects, MESH), strengths={**job.model.strengths, MESH.name: np.ones(1)})
+    model = replace(
+        job.model, settings=settings, effects=(*job.model.effects, MESH), strengths={**job.model.strengths, MESH.name: np.ones(1)}
+    )
     found = predict(model, job.recording, job.window, job.states)
     return found.x[1:, : coarse.shape[1]] - coarse[1:] if found.complete else None
 

@@ -1,4 +1,11 @@
-"""The door of gap: where the fitted physics differs from the recording. Causes are not tested yet, and the verdict says so."""
+"""The door of gap: where the fitted physics differs from the recording, which effect it lacks, and how far the gap then shrinks.
+
+Where is told of all garments; the cause is sought on the largest, whose motion says most.
+"""
+
+import os
+from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 
@@ -7,19 +14,35 @@ from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
 from storage_schemas.tracking import Tracking
-from tasks.gap.residual import Where, weft_direction, where
+from tasks.child_process import Pool
+from tasks.cloth.garment import Garment, garments
+from tasks.cloth.windows import Recording
+from tasks.cloth.worn_scene import worn_scene
+from tasks.effects.effect import Motion, Subject
+from tasks.effects.library import library, suspects
+from tasks.effects.model import Model
+from tasks.gap.answer import answer
+from tasks.gap.diagnosis import diagnose
+from tasks.gap.residual import weft_direction, where
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
-from tasks.stage import Job, Parameters, stage
+from tasks.simulator import Fabric, Settings
+from tasks.stage import Folder, Job, Parameters, stage
 
 
 class GapParameters(Parameters):
-    """Nothing to set yet."""
+    """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: one refit of the named effect instead of two;
+    effects_folder: further effects, one Python file each; limit_s: of one window's simulation."""
+
+    density: float = 320.0
+    quick: bool = True
+    effects_folder: Folder = None
+    limit_s: float = 600.0
 
 
 @stage("gap", version=1, pool="simulation", timeout_s=4 * 3600)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, parameters: GapParameters) -> Gap:
-    """Compare what was tracked with the replay of the fitted fabric."""
+    """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
     observed, simulated = tracking.vertices[frames][:, own].astype(float), cloth.simulated.astype(float)
     number = np.full(tracking.vertices.shape[1], -1)
@@ -46,17 +69,48 @@ def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth
         zone_of_vertex=zone,
         tables={"zones": found.by_zone, "directions_mm": found.by_direction, "bands": found.by_band, "frame_mm": found.frame_mm.tolist()},
         floor_mm=found.floor_mm,
-        verdict=_verdict(found),
+        verdict=_diagnosed(job, capture, tracking, body, cloth, zone, parameters),
     )
 
 
-def _verdict(found: Where) -> dict:
-    sentence = (
-        f"The fitted cloth differs from the recording by {found.rms_mm:.1f} mm (noise floor {found.floor_mm:.1f} mm). Cause not yet tested."
+def _diagnosed(
+    job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
+) -> dict:
+    """The answer on the largest garment, in the form that `physavatar gap run --json` prints; `garment` names it."""
+    start = perf_counter()
+    part = np.asarray(tracking.part_names)[tracking.part_of_face]
+    worn = garments(tracking.vertices.astype(float), tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
+    garment = max(worn, key=lambda g: len(g.index))
+    model, recording = _subject(garment, capture, tracking, body, cloth, zone, parameters)
+    told = iter(range(1, 1000))
+    with Pool(limit_s=parameters.limit_s, at_once=os.cpu_count() or 1) as pool:
+        found = diagnose(
+            model,
+            [recording],
+            suspects(library(parameters.effects_folder).values()),
+            quick=parameters.quick,
+            run=pool.map,
+            tell=lambda text: job.progress(1 - 0.85 ** next(told), text),
+        )
+    return {"garment": garment.name, **answer(found, seconds=perf_counter() - start)}
+
+
+def _subject(garment: Garment, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, zone: np.ndarray, parameters: GapParameters):
+    """The base model in the fabric that was fitted, and the recording of the garment."""
+    settings = Settings(substeps=max(1, int(np.ceil(100 / capture.fps))))
+    scene = worn_scene(
+        garment, body.vertices.astype(float), body.faces, tracking.uv_vertices.astype(float), fps=capture.fps, settings=settings
     )
-    gap = {"before_mm": found.rms_mm, "after_mm": None, "floor_mm": found.floor_mm, "closed_fraction": None}
-    return {
-        "version": 1,
-        "verdict": {"kind": "not_testable", "effects": [], "class": [], "probability": None, "sentence": sentence},
-        "gap": gap,
-    }
+    fitted = cloth.parameters[garment.name]
+    known = [fitted[k]["value"] for k in ("kappa_s_over_rho", "kappa_b_over_rho")]
+    start = Fabric(parameters.density, 4.0 * parameters.density / 320, 60.0 * parameters.density / 320)
+    fabric = replace(
+        start,
+        membrane=known[0] * parameters.density if known[0] else start.membrane,
+        bending=known[1] * parameters.density if known[1] else start.bending,
+    )
+    own = np.isin(cloth.vertices_index, garment.index)
+    place = {int(v): ZONES[z] for v, z in zip(cloth.vertices_index[own], zone[own])}
+    names = np.array([place.get(int(v), "free") for v in garment.index])
+    subject = Subject(scene.cloth, fabric, scene.collider, names, capture.fps)
+    return Model(subject, settings), Recording(Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)

@@ -127,7 +127,7 @@ def _read_camera(folder: Path, camera: str) -> np.ndarray:
 def _load_json(path: Path):
     try:
         return json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BadInput([Fault(str(path), f"not readable JSON ({error})", "Write the file again.")]) from error
 
 

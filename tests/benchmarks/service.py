@@ -47,16 +47,14 @@ def planning() -> Iterator[Row]:
 def _plan(n: int) -> tuple[float, float, float]:
     """Seconds of the first and of a later plan over n finished sequences, and the peak memory in MB of the planning process."""
     from flows.dataset import counts, find_sequences, plan_dataset
-    from flows.service.order import Service
     from storage_schemas.store import Store
-    from tests.service.finished import LINE, finished_sequences
-    from tests.service.tiny import Settings
+    from tests.service.finished import finished_sequences
 
     place = Path(tempfile.mkdtemp(prefix="physavatar-plan-"))
     os.environ["PHYSAVATAR_CACHE"] = str(place / "cache")
     try:
-        settings = finished_sequences(place, n)
-        service, store = Service(LINE, Settings, lambda: settings), Store(settings.store)
+        service, settings = finished_sequences(place, n)
+        store = Store(settings.store)
         seconds = []
         for _ in range(2):
             start = time.perf_counter()

@@ -3,17 +3,16 @@
 import numpy as np
 
 from tasks.cloth.adam_fd import Descent
-from tasks.cloth.checkpoints import FrameFile, load_descent, load_progress, save_descent, save_progress
-from tasks.cloth.gauss_newton import Progress
+from tasks.cloth.checkpoints import FrameFile, load_descent, load_fabric, save_descent, save_fabric
 from tasks.cloth.perseverance import persevere
+from tasks.simulator import Fabric
 from tests.cloth.test_gauss_newton import TRUTH, panel
 
 
-def test_progress_and_descent_come_back(tmp_path):
-    progress = Progress(TRUTH, 0.1, ({"loss": 2.0, "rms_mm": 3.0},), reasons=("slow",))
-    save_progress(tmp_path / "a.json", progress)
-    assert load_progress(tmp_path / "a.json", TRUTH) == progress
-    assert load_progress(tmp_path / "none.json", TRUTH) == Progress(TRUTH)
+def test_fabric_and_descent_come_back(tmp_path):
+    save_fabric(tmp_path / "a.json", TRUTH)
+    assert load_fabric(tmp_path / "a.json", Fabric()) == TRUTH
+    assert load_fabric(tmp_path / "none.json", Fabric()) == Fabric()
     descent = Descent(*np.arange(12.0).reshape(4, 3) / 7, ({"loss": 1.0},))
     save_descent(tmp_path / "d.json", descent)
     again = load_descent(tmp_path / "d.json", Descent.at(np.ones(3)))

@@ -55,8 +55,8 @@ def sway(T: int, rng: np.random.Generator):
 
 
 def true_fabric(rng: np.random.Generator) -> Fabric:
-    """κ_s 3–20, κ_b 180–420 at 320 kg/m³: bending lengths of 38 to 50 mm."""
-    return Fabric(320.0, float(np.exp(rng.uniform(np.log(3), np.log(20)))), float(np.exp(rng.uniform(np.log(180), np.log(420)))))
+    """κ_s 0.5–4, κ_b 180–420 at 320 kg/m³: stretch of knits, bending lengths of 38 to 50 mm."""
+    return Fabric(320.0, float(np.exp(rng.uniform(np.log(0.5), np.log(4)))), float(np.exp(rng.uniform(np.log(180), np.log(420)))))
 
 
 def twin(seed: int, *, frames: int = 24, settings: Settings = Settings(), coarse=COARSE, fine=FINE, fabric: Fabric | None = None) -> Twin:  # noqa: B008

@@ -20,7 +20,11 @@ def skirt(rings: int, around: int, *, length=0.5, waist=0.14, hem=0.26):
     i = np.arange(rings * around).reshape(rings, around)
     p, q, s, u = i[:-1], np.roll(i[:-1], -1, 1), i[1:], np.roll(i[1:], -1, 1)
     odd = (np.add.outer(np.arange(rings - 1), np.arange(around)) % 2).astype(bool)
-    one = np.where(odd[..., None, None], np.stack([np.stack([p, q, u], -1), np.stack([p, u, s], -1)], -2), np.stack([np.stack([p, q, s], -1), np.stack([q, u, s], -1)], -2))
+    one = np.where(
+        odd[..., None, None],
+        np.stack([np.stack([p, q, u], -1), np.stack([p, u, s], -1)], -2),
+        np.stack([np.stack([p, q, s], -1), np.stack([q, u, s], -1)], -2),
+    )
     return x, one.reshape(-1, 3).astype(np.int32)
 
 
@@ -57,7 +61,20 @@ class Twin:
     noise: float
 
 
-def twin(*, T=40, seed=0, mesh=(12, 28), fine=None, effects: dict[Effect, list[float]] | None = None, fabric=None, noise=1e-3, substeps=8, settle=20, membrane="stvk", speed=1.0) -> Twin:
+def twin(
+    *,
+    T=40,
+    seed=0,
+    mesh=(12, 28),
+    fine=None,
+    effects: dict[Effect, list[float]] | None = None,
+    fabric=None,
+    noise=1e-3,
+    substeps=8,
+    settle=20,
+    membrane="stvk",
+    speed=1.0,
+) -> Twin:
     """Observed [T, V, 3] on `mesh` of a truth made on `fine` (default: the same mesh); the skirt settles first."""
     fabric = fabric or Fabric(density=450, membrane=12.0, bending=60.0)
     R, shift = sway(T, seed, speed=speed)
@@ -73,7 +90,12 @@ def twin(*, T=40, seed=0, mesh=(12, 28), fine=None, effects: dict[Effect, list[f
     made = subject(fine or mesh)
     rest = np.concatenate([np.tile(made.cloth.x_rest[made.cloth.boundary], (settle, 1, 1)), place(made.cloth.x_rest[made.cloth.boundary])])
     collider = np.concatenate([np.tile(bx, (settle, 1, 1)), place(bx)])
-    model = Model(made, Settings(substeps=substeps, membrane=membrane), tuple(effects or ()), {e.name: np.array(s) for e, s in (effects or {}).items()})
+    model = Model(
+        made,
+        Settings(substeps=substeps, membrane=membrane),
+        tuple(effects or ()),
+        {e.name: np.array(s) for e, s in (effects or {}).items()},
+    )
     frames = list(model.run(Motion(collider, rest), made.cloth.x_rest, np.zeros_like(made.cloth.x_rest)))
     assert frames[-1].converged, frames[-1].ending
     x = model.observed(np.stack([f.x for f in frames])[settle:])

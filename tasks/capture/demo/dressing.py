@@ -1,4 +1,4 @@
-"""Dressing the actor and moving the garments with the simulator.
+"""Dressing the actor and moving the garments with the simulator, in air: the effect that the diagnosis has to find.
 
 Top and skirt are simulated apart, each against the part of the body that it can meet; they do not meet each other (the top ends above
 the skirt's waist). Rest shape is the flat pattern: rest lengths from `uv`, rest angles zero. Before the first frame the garment
@@ -17,11 +17,14 @@ from tasks.capture.demo.actor import Actor, Attached, attach
 from tasks.capture.demo.garments import Garment
 from tasks.capture.demo.skirt import SkirtCut, skirt
 from tasks.capture.demo.top import TopCut, top
+from tasks.effects.air_normal_drag import EFFECT as AIR_NORMAL_DRAG
+from tasks.effects.effect import Motion, Subject
+from tasks.effects.model import Model
 from tasks.geometry.meshes import submesh
 from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.fabric import Fabric
 from tasks.simulator.settings import Settings
-from tasks.simulator.simulate import Frame, simulate
+from tasks.simulator.simulate import Frame
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -30,6 +33,7 @@ State = tuple[Array, Array]
 SEGMENT = 10  # frames
 SETTLING = 32  # frames of implicit Euler, which damps
 COLLIDER_FACES = 2400
+DRAG_COEFFICIENT = 1.2  # C_d of a plate face-on
 GAP = 1.5e-3  # [m] kept between cloth and the decimated body, which departs from the body by about as much
 ARMS, HEAD = (16, 17, 18, 19, 20, 21, *range(25, 55)), (15, 22, 23, 24)
 MEETS = {"skirt": (0, 1, 2, 3, 4, 5, 6, 20, 21, *range(25, 55)), "top": (0, 3, 6, 9, 12, 13, 14, 16, 17)}  # joints whose skin it can touch
@@ -37,7 +41,8 @@ MEETS = {"skirt": (0, 1, 2, 3, 4, 5, 6, 20, 21, *range(25, 55)), "top": (0, 3, 6
 
 @dataclass(frozen=True)
 class Fitting:
-    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second."""
+    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and the
+    drag C_d/ρ̄ [m²/kg] of the air it moves in, which the base model lacks."""
 
     garment: Garment
     fabric: Fabric
@@ -45,6 +50,7 @@ class Fitting:
     collider_motion: Array
     boundary_motion: Array
     fps: float
+    drag: float = 0.0
 
 
 def fit(name: str, actor: Actor, fabric: Fabric, *, spacing: float, rng: np.random.Generator) -> Fitting:
@@ -53,7 +59,8 @@ def fit(name: str, actor: Actor, fabric: Fabric, *, spacing: float, rng: np.rand
     carried = attach(garment.vertices[garment.boundary], actor, frame=0)
     faces, surface = _collider(actor, MEETS[name])
     transforms = actor.posed.transforms
-    return Fitting(garment, fabric, faces, surface.at(transforms), carried.at(transforms), actor.motion.fps)
+    drag = DRAG_COEFFICIENT / fabric.areal_density
+    return Fitting(garment, fabric, faces, surface.at(transforms), carried.at(transforms), actor.motion.fps, drag)
 
 
 def cut(name: str, actor: Actor, *, spacing: float, rng: np.random.Generator) -> Garment:
@@ -110,11 +117,9 @@ _COMMON = {"contact_offset": GAP, "acceleration_tolerance": 1e-2}  # [m/s²]: 1e
 def _run(fitting: Fitting, state: State, frames: slice | Array, settings: Settings):
     g = fitting.garment
     cloth = Cloth(g.vertices, g.faces, g.boundary, uv=g.uv_vertices[g.uv_faces], rest_angles="flat")
-    motions = {"collider_motion": fitting.collider_motion[frames], "boundary_motion": fitting.boundary_motion[frames]}
-    run = simulate(
-        cloth, fitting.fabric, Collider(fitting.collider_faces), **motions, fps=fitting.fps, x0=state[0], v0=state[1], settings=settings
-    )
-    for frame in run:
+    subject = Subject(cloth, fitting.fabric, Collider(fitting.collider_faces), np.full(len(g.vertices), "free"), fitting.fps)
+    model = Model(subject, settings, (AIR_NORMAL_DRAG,), {AIR_NORMAL_DRAG.name: np.array([fitting.drag])})
+    for frame in model.run(Motion(fitting.collider_motion[frames], fitting.boundary_motion[frames]), *state):
         _require(frame, g.name)
         yield frame
 

@@ -3,7 +3,8 @@
 body.npz       shape [S], expression [E], pose [T, 55, 3] rad, translation [T, 3] m, joints [T, 55, 3] m, keypoints [T, 133, 3] m,
                vertices [T, V, 3] m (float32), faces [F, 3], colours [V, 3] linear albedo
 <garment>.npz  vertices [T, V, 3] m as simulated, faces, uv_vertices [U, 2] m, uv_faces, boundary [B]; albedo [h, w, 3] linear, over
-               `uv_extent` [2] m; fabric in SI (areal_density, stretch, bending_rigidity, friction) and in the units ρ, κ_s, κ_b
+               `uv_extent` [2] m; fabric in SI (areal_density, stretch, bending_rigidity, friction) and in the units ρ, κ_s, κ_b;
+               air_normal_drag m²/kg, the effect that the base model lacks
 template.npz   vertices [T, V, 3] m: where the template's vertices truly are at every frame (without the scan's noise)
 cameras.npz    names, K, R, t, size, gains [camera, 3]
 """
@@ -69,6 +70,7 @@ def _garment(fitting: Fitting, worn: Array, surface: Surface) -> dict[str, np.nd
         "bending_rigidity": np.array(fabric.bending_rigidity),
         "friction": np.array(fabric.friction),
         "density": np.array(fabric.density),
+        "air_normal_drag": np.array(fitting.drag),
         "kappa_s": np.array(fabric.membrane),
         "kappa_b": np.array(fabric.bending),
     }

@@ -22,14 +22,24 @@ def hinge_weights(rest: Array, faces: Indices, stencil: Indices) -> Array:
     """w |ē|/h̄ [H]: what the rigidity B multiplies; h̄: a third of the two triangles' heights together."""
     a, b, c, d = (rest[stencil[:, k]] for k in range(4))
     length = np.linalg.norm(b - a, axis=1)
-    area = (np.linalg.norm(np.cross(b - a, c - a), axis=1) + np.linalg.norm(np.cross(b - a, d - a), axis=1)) / 2
-    shape = 3 * length**2 / (2 * area)
-    # a cylinder of curvature κ along any direction turns a hinge by κ sin²(direction) h: averaged over directions of the pattern
-    height = 2 * area / length / 3
-    share = 3 / 8  # mean of sin⁴
-    total = np.sum(shape * (height * 1.5) ** 2) * share / 2  # energy per κ² of ½ Σ shape θ², θ = κ h_dual sin²
-    sheet = np.linalg.norm(np.cross(rest[faces[:, 1]] - rest[faces[:, 0]], rest[faces[:, 2]] - rest[faces[:, 0]]), axis=1).sum() / 4
-    return shape * sheet / total
+    areas = [np.linalg.norm(np.cross(b - a, p - a), axis=1) / 2 for p in (c, d)]
+    shape = 3 * length**2 / (2 * (areas[0] + areas[1]))
+    flat = np.zeros((len(stencil), 4, 2))  # the hinge laid flat, its edge along the first axis
+    flat[:, 1, 0] = length
+    for k, p, side in ((2, c, 1), (3, d, -1)):
+        flat[:, k, 0] = np.sum((p - a) * (b - a), 1) / length
+        flat[:, k, 1] = side * 2 * areas[k - 2] / length
+    energy = np.mean([shape @ _rolled(flat, angle) ** 2 for angle in np.arange(6) * np.pi / 6])
+    sheet = np.linalg.norm(np.cross(rest[faces[:, 1]] - rest[faces[:, 0]], rest[faces[:, 2]] - rest[faces[:, 0]]), axis=1).sum() / 2
+    return shape * sheet / energy
+
+
+def _rolled(flat: Array, angle: float) -> Array:
+    """Fold [H] per unit curvature of hinges [H, 4, 2] rolled into a wide cylinder whose axis stands at `angle` to their edges."""
+    R = 100 * np.ptp(flat, axis=1).max()
+    along, across = flat @ [np.cos(angle), np.sin(angle)], flat @ [-np.sin(angle), np.cos(angle)]
+    x = np.stack([along, R * np.sin(across / R), R * np.cos(across / R)], -1).reshape(-1, 3)
+    return R * hinge_angles(x, np.arange(len(x), dtype=np.int32).reshape(-1, 4))
 
 
 def hinge_stencils(faces: Indices) -> Indices:

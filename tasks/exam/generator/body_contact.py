@@ -37,7 +37,7 @@ class BodyContact:
     def freed(self, x: Array, body: Placed, fixed: NDArray[np.bool_]) -> Array:
         """x with nodes that stand in a body, or nearly, moved out along its normal."""
         x = x.copy()
-        for _ in range(20):
+        for _ in range(20 if len(body.a) else 0):
             d, n = body.distance(x)
             d = d - self.offset
             k, i = d.argmin(0), np.arange(len(x))

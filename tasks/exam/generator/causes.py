@@ -146,7 +146,9 @@ def wind(c: float, speed: Callable[[Array, float], Array]) -> NodeForce:
         u = np.sum(m.v * m.normal, 1)
         w = u - np.sum(speed(m.x, m.t) * m.normal, 1)
         k = 0.5 * AIR * c * m.area
-        return -(k * (np.abs(w) * w - np.abs(u) * u))[:, None] * m.normal, _block(k * 2 * np.maximum(np.abs(w) - np.abs(u), 0) / m.s, m.normal)
+        return -(k * (np.abs(w) * w - np.abs(u) * u))[:, None] * m.normal, _block(
+            k * 2 * np.maximum(np.abs(w) - np.abs(u), 0) / m.s, m.normal
+        )
 
     return force
 

@@ -11,7 +11,6 @@ from tasks.exam.generator.membrane import biot_strain, moduli
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
-POISSON = 0.071
 YIELD = 20.0  # curvature beyond which folds stay [1/m]
 REACH = 6.0  # curvature that builds up the friction of bending [1/m]
 
@@ -61,7 +60,7 @@ class Elements:
         inverse = np.linalg.inv(np.stack([e1, e2], -1))  # [F, 2 corners, 2 directions]
         self.gradients = np.ascontiguousarray(np.concatenate([-inverse.sum(1, keepdims=True), inverse], 1))
         self.area = np.abs(e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0]) / 2
-        self.D = moduli(fabric.stretch, fabric.orthotropy, POISSON)
+        self.D = moduli(fabric.stretch, fabric.orthotropy)
         self.scale = 1 + fabric.rest_scale
         self.rigidity = fabric.bending * hinge_weights(sheet.rest, sheet.faces, self.hinges)
         a, b, c, d = (sheet.rest[self.hinges[:, k]] for k in range(4))

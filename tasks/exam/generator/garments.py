@@ -104,7 +104,7 @@ def _sheet(form: Cut, mesh: FlatMesh) -> Sheet:
     on_top = t < 1e-9
     if form.pinned == "corners":
         on_top &= (s < 0.12) | (s > 0.88)
-    border = np.flatnonzero((mesh.s == 0.0))
+    border = np.flatnonzero(mesh.s == 0.0)
     on_seam = np.zeros(len(t), bool)
     on_seam[mesh.vertex[border]] = form.pattern.sewn
     e = edges(faces)

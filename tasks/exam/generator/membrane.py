@@ -1,9 +1,9 @@
 """In-plane forces of the generator: Biot strain in the rest frame, with viscosity, shear hysteresis and stiffening.
 
     U = √C = (C + J I)/√(tr C + 2J),   J = √det C,   C = FᵀF/s²        e = (U₁₁ − 1, U₂₂ − 1, 2U₁₂)
-    σ = 𝔻 e (1 + c |e|²) + β 𝔻 ė + (0, 0, z)                           f = −A ∂eᵀ/∂x σ
+    σ = 𝔻 e (1 + c q) + β 𝔻 ė + (0, 0, z),  q = eᵀ𝔻e/(E t)              f = −A ∂eᵀ/∂x σ
 
-1 is weft, 2 is warp; s scales rest lengths. |e|² = e₁² + e₂² + e₃²/2. z is a friction stress (`spring_slider.py`) on the shear e₃.
+1 is weft, 2 is warp; s scales rest lengths. z is a friction stress (`spring_slider.py`) on the shear e₃.
 Source: the square root of a 2 × 2 tensor, Hoger & Carlson 1984.
 """
 
@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 from tasks.exam.generator.spring_slider import spring_slider
 
 Array = NDArray[np.float64]
+POISSON = 0.071
+SHEARED = 2 * (1 + POISSON)  # E t over the shear modulus
 SHEAR_REACH = 6e-3  # shear over which friction builds up
 
 
-def moduli(stretch: Array, orthotropy: float, poisson: float) -> Array:
+def moduli(stretch: Array, orthotropy: float) -> Array:
     """𝔻 [F, 3, 3] N/m of stiffness E·t [F] N/m: Young's moduli E e^±orthotropy along weft and warp, shear as if isotropic."""
     weft, warp = stretch * np.exp(orthotropy), stretch * np.exp(-orthotropy)
-    coupling = poisson * np.sqrt(weft * warp)
+    coupling = POISSON * np.sqrt(weft * warp)
     D = np.zeros((len(stretch), 3, 3))
     D[:, 0, 0], D[:, 1, 1], D[:, 0, 1], D[:, 1, 0] = weft, warp, coupling, coupling
-    D[:, :2, :2] /= 1 - poisson**2
-    D[:, 2, 2] = stretch / (2 * (1 + poisson))
+    D[:, :2, :2] /= 1 - POISSON**2
+    D[:, 2, 2] = stretch / SHEARED
     return D
 
 
@@ -53,20 +55,14 @@ def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit
         u, du, ddu = _root(c, True)
         e = np.array([u[0] - 1, u[1] - 1, 2 * u[2]])
         strain[f] = e
-        size = e[0] ** 2 + e[1] ** 2 + e[2] ** 2 / 2
-        σ, T = np.zeros(3), np.zeros((3, 3))
+        De, Dd = D[f] @ e, D[f] @ (e - e_hat[f]) / s
+        stretch = SHEARED * D[f, 2, 2]
+        stiff = 1 + stiffening * (e @ De) / stretch
+        σ, T = np.empty(3), np.empty((3, 3))
         for a in range(3):
-            De, Dd = 0.0, 0.0
+            σ[a] = De[a] * stiff + viscosity * Dd[a]
             for b in range(3):
-                De += D[f, a, b] * e[b]
-                Dd += D[f, a, b] * (e[b] - e_hat[f, b]) / s
-            σ[a] = De * (1 + stiffening * size) + viscosity * Dd
-            for b in range(3):
-                T[a, b] = D[f, a, b] * (1 + stiffening * size + viscosity / s)
-        if stiffening:
-            for a in range(3):
-                for b in range(3):
-                    T[a, b] += stiffening * 2 * (σ[a] * e[b] + σ[b] * e[a]) / 2 * (1.0 if b < 2 else 0.5)
+                T[a, b] = D[f, a, b] * (stiff + viscosity / s) + 2 * stiffening / stretch * De[a] * De[b]
         z1[f] = 0.0
         if limit[f] > 0:
             z, dz = spring_slider(z0[f, 1], e[2] - z0[f, 0], limit[f], SHEAR_REACH)
@@ -90,6 +86,7 @@ def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit
                 dc[0, 3 * i + d] = 2 * g[f, i, 0] * f1[d] * w
                 dc[1, 3 * i + d] = 2 * g[f, i, 1] * f2[d] * w
                 dc[2, 3 * i + d] = (g[f, i, 0] * f2[d] + g[f, i, 1] * f1[d]) * w
+        Wdc = W @ dc
         S = _tension(ψ) if convex else ψ
         A = area[f]
         for p in range(9):
@@ -98,10 +95,7 @@ def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit
                 slot = slots[f, p, q]
                 if slot < 0:
                     continue
-                h = 0.0
-                for k in range(3):
-                    for l in range(3):
-                        h += W[k, l] * dc[k, p] * dc[l, q]
+                h = dc[0, p] * Wdc[0, q] + dc[1, p] * Wdc[1, q] + dc[2, p] * Wdc[2, q]
                 if p % 3 == q % 3:
                     i, j = p // 3, q // 3
                     h += w * (

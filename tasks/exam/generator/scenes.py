@@ -1,6 +1,7 @@
 """Scenes: a garment on a body that moves. What the body is made of, which motions suit it, and what carries the pinned nodes.
 
-Motions start from rest, never quite alone: each comes with a slow drift and turn, as nobody moves along one axis. They return the poses of the body's bones; bone 0 carries the garment.
+Motions start from rest, last a little over a second, and never come alone: each has a slow drift and turn with it, as nobody moves along one
+axis. They give the poses of the body's bones; bone 0 carries the garment.
 """
 
 from collections.abc import Callable
@@ -50,7 +51,7 @@ def body_of(kind: str, rng: np.random.Generator) -> Body:
         return _body(a, b, [u(0.092, 0.098), knee, knee], [0, 1, 2])
     if kind == "curtain":
         r, x, y = u(0.07, 0.11), u(-0.08, 0.08), u(-0.42, -0.28)
-        z = -r - 0.012
+        z = -r - u(0.012, 0.04)
         if u() < 0.5:
             return _body([[x, y, z]], [[x, y, z]], [r], [1])
         return _body([[-0.3, y, z]], [[0.3, y + u(-0.06, 0.06), z]], [r], [1])
@@ -73,16 +74,21 @@ def scene(kind: str, body: Body, motion: str, rng: np.random.Generator, *, vigou
     move = {
         "sway": lambda: _translation(vigour * u(0.07, 0.12) * _level(rng), u(0.9, 1.3)),
         "bounce": lambda: _translation(vigour * u(0.04, 0.06) * np.array([0, 1.0, 0]), u(1.4, 2.0)),
-        "turn": lambda: _rotation(vigour * u(0.5, 0.9) * np.array([0, 1.0, 0]), u(0.8, 1.1)),
+        "turn": lambda: _rotation(vigour * (0.6 if kind == "curtain" else 1.0) * u(0.5, 0.9) * np.array([0, 1.0, 0]), u(0.8, 1.1)),
         "walk": lambda: _translation(vigour * np.array([u(0.03, 0.05), u(0.01, 0.02), 0]), u(0.9, 1.1)),
         "ball": lambda: _still,
         "arms": lambda: _rotation(vigour * u(0.15, 0.3) * np.array([0, 1.0, 0]), u(0.8, 1.1)),
         "raise": lambda: _rotation(vigour * u(0.35, 0.6) * np.array([0, 0, 1.0]), u(0.8, 1.1)),
         "elbow": lambda: _rotation(vigour * u(0.1, 0.2) * np.array([0, 0, 1.0]), u(0.8, 1.1)),
     }[motion]()
-    drift, drifting = _translation(vigour * u(0.03, 0.05) * _level(rng), u(0.6, 0.9)), _rotation(vigour * u(0.1, 0.25) * np.array([0, 1.0, 0]), u(0.5, 0.8))
+    drift, drifting = (
+        _translation(vigour * u(0.03, 0.05) * _level(rng), u(0.6, 0.9)),
+        _rotation(vigour * u(0.1, 0.25) * np.array([0, 1.0, 0]), u(0.5, 0.8)),
+    )
     limbs = _limbs(kind, motion, body, rng, vigour)
     hang = matrix_from_axis_angle(np.array([0, 0, -tilt])) if kind == "sleeve" else np.eye(3)
+
+    aside = {1} if kind == "curtain" else set()  # what stands beside a curtain does not hang on its rod
 
     def pose(t: float) -> tuple[Array, Array]:
         R0, p0 = move(t)
@@ -90,7 +96,7 @@ def scene(kind: str, body: Body, motion: str, rng: np.random.Generator, *, vigou
         R, p = np.empty((bones, 3, 3)), np.empty((bones, 3))
         for k in range(bones):
             Rk, pk = limbs[k](t) if k in limbs else (np.eye(3), np.zeros(3))
-            R[k], p[k] = R0 @ Rk, R0 @ pk + p0
+            R[k], p[k] = (Rk, pk) if k in aside else (R0 @ Rk, R0 @ pk + p0)
         return (R, p)
 
     return Scene(body, pose, motion)
@@ -100,7 +106,6 @@ def _limbs(kind: str, motion: str, body: Body, rng: np.random.Generator, vigour:
     """Motion of bones 1, 2 … relative to bone 0."""
     u = rng.uniform
     if kind == "curtain":
-        # the body beside the curtain does not hang on its rod: it swings into it
         reach = vigour * (u(0.1, 0.16) if motion == "ball" else u(0.0, 0.04))
         return {1: _translation(np.array([0, 0, 1.0]) * reach, u(0.8, 1.1))}
     if kind == "skirt" and motion == "walk":

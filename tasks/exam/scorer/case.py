@@ -60,7 +60,9 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         row["top1"] = max(credit(groups[0], c, allowed[c]) for c in causes)
         row["top3"] = max(credit(g, c, allowed[c]) for g in groups[:3] for c in causes)
         row["right"] = verdict["kind"] == "effect" and row["found"] == len(causes)
-        row["probability_of_truth"] = sum(e["probability"] for e in answer["ranking"] if any(credit(e["class"], c, allowed[c]) for c in causes))
+        row["probability_of_truth"] = sum(
+            e["probability"] for e in answer["ranking"] if any(credit(e["class"], c, allowed[c]) for c in causes)
+        )
         row["covered"] = set(causes) <= set(answer["answer_set_90"])
         row |= _strengths(truth["causes"], answer["ranking"])
     else:

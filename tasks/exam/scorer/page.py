@@ -47,7 +47,15 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else "" if value is None else _number(value) if isinstance(value, float) else str(value)
+    return (
+        ", ".join(map(str, value))
+        if isinstance(value, list)
+        else ""
+        if value is None
+        else _number(value)
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _number(value: float | None) -> str:

@@ -92,7 +92,13 @@ def _share(metric: str, rows: Sequence[Row], of: Callable[[Row], Any]) -> Row:
 def _mean(metric: str, values: Sequence[float], statistic=np.mean) -> Row:
     low, high = bootstrap(np.array(values), statistic)
     value = float(statistic(values)) if len(values) else None
-    return {"metric": metric, "value": value, "low": low if len(values) else None, "high": high if len(values) else None, "cases": len(values)}
+    return {
+        "metric": metric,
+        "value": value,
+        "low": low if len(values) else None,
+        "high": high if len(values) else None,
+        "cases": len(values),
+    }
 
 
 def _ece(pairs: np.ndarray) -> float | None:

@@ -1,0 +1,62 @@
+"""`physavatar gap`: where the physics differs from recordings, which effect it lacks, and how far the gap then shrinks."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+from rich.console import Console
+from rich.table import Table
+
+from flows.config import load
+from flows.endings import OK
+
+app = App(name="gap", help="The gap between simulation and recording: run.")
+
+
+@app.command
+def run(
+    *tracks: Path,
+    held_out: Annotated[tuple[Path, ...], Parameter(name="--held-out", negative="")] = (),
+    predict: Annotated[Path | None, Parameter(name="--predict")] = None,
+    out: Annotated[Path | None, Parameter(name="--out")] = None,
+    quick: Annotated[bool, Parameter(name="--quick", negative="")] = False,
+    without: Annotated[tuple[str, ...], Parameter(name="--without", negative="")] = (),
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Diagnose recordings of one garment that anybody tracked.
+
+    Parameters
+    ----------
+    tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
+    held_out: Further recordings, read only when the verdict is fixed; without any, the last part of each recording is kept.
+    predict: A recording whose garment is known in its first two frames only.
+    out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
+    quick: Fewer refits.
+    without: Names of effects to leave out of the library.
+    """
+    from flows import gap
+
+    messages = Console(stderr=True)
+    request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder)
+    found, _ = gap.run(request, tell=lambda text: messages.print(text, style="dim", markup=False, highlight=False))
+    if json_:
+        sys.stdout.write(json.dumps(found, indent=1, allow_nan=False) + "\n")
+    else:
+        _show(found, Console())
+    return OK
+
+
+def _show(found: dict[str, Any], console: Console) -> None:
+    console.print(found["verdict"]["sentence"], soft_wrap=True)
+    table = Table("class", "probability", "strength")
+    for row in found["ranking"][:6]:
+        told = "; ".join(f"{n} {s['value']:.3g} {s['unit']} ({s['low']:.3g} to {s['high']:.3g})" for n, s in row["strength"].items())
+        table.add_row(", ".join(row["class"]), f"{row['probability']:.2f}", told)
+    console.print(table)
+    zones = Table("zone", "before [mm]", "after [mm]")
+    for row in found["where"]["zones"]:
+        zones.add_row(row["zone"], *(f"{row[k]:.1f}" if row[k] is not None else "-" for k in ("before_mm", "after_mm")))
+    console.print(zones)
+    console.print(f"Record next: {found['record_next']}.", soft_wrap=True)

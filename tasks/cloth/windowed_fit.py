@@ -1,0 +1,167 @@
+"""The default fit: κ_s and κ_b from windows of the recording (`windows.py`, `shooting.py`), then one replay of the whole for the figures.
+
+A replay of a second from one start is chaotic where cloth buckles: its loss has a false minimum wherever a fold falls the other way, and
+Gauss–Newton on it stops in the first. Windows of a fifth of a second, each from its own start whose error is marginalised, have no such minima.
+What the mesh and the step alone do is taken off before the last iterations: each window is also simulated on about twice the vertices with half the
+step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs).
+
+The price of windows is that a window says little about what takes long to happen. So where the replay of the whole stays within a few standard deviations of
+the recording once the windows are fitted, it is not chaotic, and the fit goes on with it (`gauss_newton.py`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Progress, fit, loss, moved, rms_mm
+from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
+from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, with_fabric, without_state
+from tasks.cloth.start_state import states
+from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import Normals, Recording, marginalised, predict, windows
+from tasks.effects.effect import Motion, Subject
+from tasks.effects.model import Model
+from tasks.effects.numerics_mesh import EFFECT as MESH
+from tasks.simulator import Fabric
+from tasks.simulator.newton import CONVERGED
+
+Array = NDArray[np.float64]
+
+FOLLOWED = 3.0  # standard deviations of the noise: a replay that stays this near is not chaotic, and is fitted as a whole
+NUMERIC_STEPS = 3
+SPREAD = 1.0  # standard deviation of the coefficient of d
+MODES = 8  # of the start state, times three directions, times place and velocity
+
+
+def fit_windows(
+    scene: Scene,
+    fabric: Fabric,
+    *,
+    iterations: int = 8,
+    run: Map = map,
+    memory: FrameMemory = FORGETFUL,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Fit:
+    """Fit `PARAMETERS` from `fabric`; `run` maps over windows."""
+    jobs, ending = _jobs(scene, fabric)
+    if not jobs:
+        whole = replay(scene, fabric)
+        return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
+    found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+    fabric, normal = _less_numerics(found, jobs, run)
+    whole = replay(scene, fabric, memory=memory)
+    lost = sum(not e.prediction.complete for e in found.evidence)
+    reasons = (*((f"{lost} of {len(jobs)} windows could not be followed",) if lost else ()), *whole.reasons)
+    history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
+    if whole.complete and loss(scene, whole) < 3 * FOLLOWED**2:
+        polished = fit(scene, Progress(fabric), iterations=iterations, memory=memory)
+        return replace(polished, history=(*history, *polished.history), reasons=(*reasons, *polished.reasons))
+    return Fit(fabric, normal, whole, history, found.ending, reasons)
+
+
+def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
+    """The fabric after `NUMERIC_STEPS` further steps with what a finer computation adds, and what the windows say there."""
+    fabric = found.model.subject.fabric
+    done = [replace(job, model=found.model) for job, e in zip(jobs, found.evidence) if e.prediction.complete]
+    finer = list(run(_finer, done))
+    with_offset = [replace(job, offset=d) for job, d in zip(done, finer) if d is not None]
+    if not with_offset:
+        return fabric, _normal(found.evidence, found.prior)
+    for _ in range(NUMERIC_STEPS):
+        evidence = list(run(follow, [replace(job, model=with_fabric(found.model, fabric)) for job in with_offset]))
+        normal = _normal(evidence, found.prior)
+        if not np.isfinite(normal.A).all():
+            return found.model.subject.fabric, _normal(found.evidence, found.prior)
+        fabric = moved(fabric, np.clip(normal.step, -LARGEST_STEP, LARGEST_STEP))
+    return fabric, normal
+
+
+def _finer(job: Job) -> Array | None:
+    """x(finer) − x [L, V, 3] m of a window; None where either fails."""
+    settings = replace(job.model.settings, substeps=2 * job.model.settings.substeps)
+    strengths = {**job.model.strengths, MESH.name: np.ones(1)}
+    runs = [
+        predict(model, job.recording, job.window, job.states)
+        for model in (job.model, replace(job.model, settings=settings, effects=(*job.model.effects, MESH), strengths=strengths))
+    ]
+    if not all(found.complete for found in runs):
+        return None
+    coarse, fine = (found.x[1:] for found in runs)
+    return fine[:, : coarse.shape[1]] - coarse
+
+
+def _corrected(n: Normals) -> Normals:
+    """Normal equations with the column "numerics" taken at 1 ± `SPREAD`; as they are where there is none."""
+    if "numerics" not in n.names:
+        return n
+    k = n.names.index("numerics")
+    shifted = replace(n, g=n.g - n.G[:, k], c=float(n.c - 2 * n.g[k] + n.G[k, k]))
+    return marginalised(shifted, ["numerics"], np.array([SPREAD**2]))
+
+
+@dataclass(frozen=True)
+class Windowed:
+    """What windows say of a fabric: the objective whose optimum `fit_windows` finds, for any scene like it."""
+
+    run: Map = field(default=map)
+
+    def loss(self, scene: Scene, fabric: Fabric) -> float:
+        """Mean of rᵀC⁻¹r; NaN where windows are lost."""
+        evidence, prior = self._followed(scene, fabric)
+        if not all(e.prediction.complete for e in evidence):
+            return np.nan
+        return sum(without_state(e.normals, prior).c for e in evidence) / sum(e.normals.n for e in evidence)
+
+    def normal(self, scene: Scene, fabric: Fabric) -> Normal:
+        """Normal equations per window; NaN where none can be followed."""
+        return _normal(*self._followed(scene, fabric))
+
+    def _followed(self, scene: Scene, fabric: Fabric) -> tuple[list[Evidence], Prior]:
+        jobs, _ = _jobs(scene, fabric)
+        evidence = list(self.run(follow, jobs))
+        return evidence, estimated_prior(evidence, _noise(scene))
+
+
+def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
+    """The windows of a scene; none, and why, where the cloth cannot be brought to where it was seen."""
+    zone = np.full(len(scene.x0), "free", dtype="U8")
+    model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), scene.settings)
+    motion = Motion(scene.collider_motion, scene.boundary_motion)
+    known = states(model, motion, scene.observed, _noise(scene))
+    recording = Recording(motion, scene.observed, scene.noise_m)
+    cut = windows([recording], scene.fps)
+    if known.ending != CONVERGED:
+        cut = [w for w in cut if w.start < len(known.x)]
+        if len(known.x) < 2:
+            return [], known.ending
+    φ = smooth_modes(scene.cloth, MODES)
+    return [Job(model, recording, w, known, φ) for w in cut], known.ending
+
+
+def _normal(evidence: list[Evidence] | tuple[Evidence, ...], prior: Prior) -> Normal:
+    done = [_corrected(without_state(e.normals, prior)) for e in evidence if e.prediction.complete]
+    if not done:
+        return _nothing()
+    at = done[0].index(PARAMETERS)
+    return Normal(np.stack([n.g[at] for n in done]), np.stack([n.G[np.ix_(at, at)] for n in done]))
+
+
+def _nothing() -> Normal:
+    P = len(PARAMETERS)
+    return Normal(np.full((1, P), np.nan), np.full((1, P, P), np.nan))
+
+
+def _noise(scene: Scene) -> float:
+    return float(np.median(scene.noise_m))
+
+
+def started_well(scene: Scene, fabric: Fabric) -> Scene:
+    """The scene with the start that observation and force agree on, in place of the observed one."""
+    first = slice(0, 9)
+    zone = np.full(len(scene.x0), "free", dtype="U8")
+    model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), scene.settings)
+    motion = Motion(scene.collider_motion[first], scene.boundary_motion[first])
+    known = states(model, motion, scene.observed[first], _noise(scene))
+    return scene if known.ending != CONVERGED else replace(scene, x0=known.x[0], v0=known.v[0] * bool(scene.v0.any()))

@@ -1,0 +1,106 @@
+"""The diagnosis as JSON, version 1: a public format that other programs read."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.effects.effect import Effect
+from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.hypotheses import Fitted
+from tasks.gap.record_next import record_next
+from tasks.gap.residual import rms_mm
+
+VERSION = 1
+Z90 = 1.645
+
+
+def answer(found: Diagnosis, *, seconds: float) -> dict[str, Any]:
+    """The whole answer; None where something is unseen or does not apply."""
+    v, gap = found.verdict, found.shrinkage
+    names = [n for c in v.classes for n in c]
+    return {
+        "version": VERSION,
+        "verdict": {
+            "kind": v.kind,
+            "effects": [e.name for e in v.named.effects] if v.named else [],
+            "class": [list(c) for c in v.classes],
+            "probability": _number(v.probability),
+            "sentence": sentence(found),
+        },
+        "ranking": [
+            {"class": list(c.names), "probability": _number(c.probability), "strength": strengths(c.fitted) if c.fitted else {}}
+            for c in v.ranking
+        ],
+        "answer_set_90": v.answer_set,
+        "gap": {
+            "before_mm": _number(gap.before_mm),
+            "after_mm": _number(gap.after_mm),
+            "floor_mm": _number(gap.floor_mm),
+            "closed_fraction": _number(gap.closed_fraction),
+            "low": _number(gap.low),
+            "high": _number(gap.high),
+            "held_out": gap.held_out,
+        },
+        "where": _where(found),
+        "parameters": found.parameters,
+        "record_next": record_next(v.kind, names or v.answer_set),
+        "seconds": seconds,
+    }
+
+
+def strengths(fitted: Fitted) -> dict[str, dict[str, Any]]:
+    """effect -> strength with its 90 % interval by the jackknife over windows; the length of the vector where it has several components."""
+    found, sd, at = {}, np.sqrt(np.maximum(np.diag(fitted.covariance), 0)), 0
+    for effect in fitted.effects:
+        K = len(effect.strengths)
+        found[effect.name] = _strength(effect, fitted.θ(effect), sd[at : at + K])
+        at += K
+    return found
+
+
+def _strength(effect: Effect, θ: NDArray, sd: NDArray) -> dict[str, Any]:
+    value = float(θ[0]) if len(θ) == 1 else float(np.linalg.norm(θ))
+    spread = Z90 * (float(sd[0]) if len(θ) == 1 else float(np.sqrt(θ**2 @ sd**2) / max(value, 1e-30)))
+    row = {"value": value, "unit": effect.strengths[0].unit, "low": value - spread, "high": value + spread}
+    if len(θ) > 1:
+        row["components"] = dict(zip((s.symbol for s in effect.strengths), map(float, θ), strict=True))
+    return row
+
+
+def sentence(found: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    v, gap = found.verdict, found.shrinkage
+    if v.kind == "not_testable":
+        return f"Not testable: {v.reason}."
+    start = f"The fitted cloth differs from the recording by {gap.before_mm:.1f} mm (floor {gap.floor_mm:.1f} mm)"
+    if v.kind == "none":
+        return f"{start}; no effect of the library is needed to explain that (probability {v.probability:.0%})."
+    if v.kind == "outside_library":
+        return f"{start}; no effect of the library explains it (probability {v.probability:.0%})."
+    cause = " and ".join(c[0] if len(c) == 1 else f"one of {', '.join(c)}" for c in v.classes)
+    closed = (
+        ""
+        if gap.closed_fraction is None
+        else f"; with it the gap {'on motion kept out of the fit ' if gap.held_out else ''}falls to {gap.after_mm:.1f} mm ({gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%})"
+    )
+    return f"{start}; the cause is {cause} (probability {v.probability:.0%}){closed}."
+
+
+def _where(found: Diagnosis) -> dict[str, Any]:
+    zone = found.zone
+    rows = [
+        {"zone": str(z), "before_mm": _number(rms_mm(found.before[:, zone == z])), "after_mm": _number(rms_mm(found.after[:, zone == z]))}
+        for z in dict.fromkeys(zone.tolist())
+        if z != "pinned"
+    ]
+    return {
+        "zones": rows,
+        "vertex_mm": [_number(rms_mm(found.before[:, i])) for i in range(found.before.shape[1])],
+        "vertex_accel": [_number(a) for a in found.vertex_accel],
+        "frame_mm": [_number(a) for a in found.frame_mm],
+    }
+
+
+def _number(x: float | None) -> float | None:
+    return None if x is None or not np.isfinite(x) else float(x)

@@ -1,0 +1,108 @@
+"""From scored hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
+
+The leading effect is weighed against "none" by its own likelihood ratio L, and against every other effect by the ratio of the paired
+differences of their gains, so that effects which help in the same windows by the same amount share the probability. Those that the recording
+cannot tell from the leader form its class. A second effect is added when it lowers the misfit of windows that the first one leaves.
+
+"Outside the library" is what is left when the misfit is large beside noise and discretisation and no effect takes most of it away.
+
+Source: gap budget and answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants are calibrated on open cases.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.gap.hypotheses import Fitted, Windows, likelihood_ratio
+
+Array = NDArray[np.float64]
+Kind = Literal["effect", "none", "outside_library", "not_testable"]
+
+SINGLE, PAIR = 0.5, 0.1  # prior weight of all singles, and of a second effect, beside 1 for none
+TOGETHER = 1.5  # effects whose likelihoods differ by less than e^this form a class
+LARGEST_CLASS = 4
+SHARED = 0.9  # probability that an answer set must hold
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Names that cannot be told apart (one list per effect of a compound), their probability, and the fitted hypothesis of the first."""
+
+    names: tuple[str, ...]
+    probability: float
+    fitted: Fitted | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """kind; the named hypothesis; class of each of its effects; probability; candidates (always with none and outside_library, sum 1)."""
+
+    kind: Kind
+    named: Fitted | None
+    classes: tuple[tuple[str, ...], ...]
+    probability: float
+    ranking: tuple[Candidate, ...]
+    reason: str = ""
+
+    @property
+    def answer_set(self) -> list[str]:
+        """Names that together hold 90 % of the probability."""
+        names, total = [], 0.0
+        for candidate in self.ranking:
+            names += [n for n in candidate.names if n not in names]
+            total += candidate.probability
+            if total >= SHARED:
+                break
+        return names
+
+
+def judge(windows: Windows, hypotheses: Sequence[Fitted], *, unexplained: float) -> Verdict:
+    """Weigh hypotheses (singles and pairs). unexplained: share in 0..1 of doubt that anything in the library is the cause."""
+    singles = [h for h in hypotheses if len(h.effects) == 1]
+    leader = max(singles, key=lambda h: (h.score, h.gains.mean()))
+    behind = {h.effects[0].name: likelihood_ratio(leader.gains - h.gains) for h in singles}
+    prior = np.log(SINGLE / len(singles))
+    weight = {name: np.exp(prior + leader.score - lost) for name, lost in behind.items()}
+    fitted = {h.effects[0].name: h for h in singles}
+    second = _second(leader, [h for h in hypotheses if len(h.effects) == 2], len(singles))
+    total = 1.0 + sum(weight.values()) + (second[1] if second else 0.0)
+    outside = unexplained * (total - 1.0 + 0.5)
+    total += outside
+    ranking = [Candidate(("none",), 1 / total), Candidate(("outside_library",), outside / total)]
+    ranking += _classes(weight, behind, fitted, total)
+    if second:
+        ranking.append(Candidate(tuple(e.name for e in second[0].effects), second[1] / total, second[0]))
+    ranking = sorted(ranking, key=lambda c: -c.probability)
+    return _verdict(ranking, behind, second)
+
+
+def _classes(weight: dict[str, float], behind: dict[str, float], fitted: dict[str, Fitted], total: float) -> list[Candidate]:
+    """Effects in the order of their weight, neighbours within `TOGETHER` of the first of each class joined."""
+    left, found = sorted(weight, key=lambda n: -weight[n]), []
+    while left:
+        own = [n for n in left if behind[n] - behind[left[0]] < TOGETHER][:LARGEST_CLASS]
+        found.append(Candidate(tuple(own), sum(weight[n] for n in own) / total, fitted[own[0]]))
+        left = [n for n in left if n not in own]
+    return found
+
+
+def _second(leader: Fitted, pairs: Sequence[Fitted], count: int) -> tuple[Fitted, float] | None:
+    """The pair that adds most to the leader, and its weight beside none."""
+    with_leader = [p for p in pairs if leader.effects[0] in p.effects]
+    if not with_leader:
+        return None
+    best = max(with_leader, key=lambda p: likelihood_ratio(p.gains - leader.gains))
+    gain = likelihood_ratio(best.gains - leader.gains)
+    return best, float(np.exp(np.log(SINGLE / count) + leader.score + np.log(PAIR / count) + gain))
+
+
+def _verdict(ranking: Sequence[Candidate], behind: dict[str, float], second: tuple[Fitted, float] | None) -> Verdict:
+    first = ranking[0]
+    if first.names in (("none",), ("outside_library",)):
+        return Verdict("none" if first.names == ("none",) else "outside_library", None, (), first.probability, tuple(ranking))
+    compound = second is not None and first.fitted is second[0]
+    classes = tuple((e.name,) for e in first.fitted.effects) if compound else (first.names,)
+    return Verdict("effect", first.fitted, classes, first.probability, tuple(ranking))

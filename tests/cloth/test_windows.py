@@ -1,0 +1,132 @@
+"""Windows of multiple shooting: what they cover, what they predict, their derivatives, and the base refit on a twin."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.shooting import PARAMETERS, Job, Prior, follow, refit, with_fabric
+from tasks.cloth.start_state import States, derivative, filled, states
+from tasks.cloth.state_modes import smooth_modes, state_columns
+from tasks.cloth.windows import Recording, Window, predict, windows
+from tasks.effects.effect import Motion, Subject
+from tasks.effects.model import Model
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tests.simulator.scenes import sheet
+
+FPS = 30.0
+FABRIC = Fabric(450.0, 6.0, 150.0)
+
+
+def swung(T: int, *, fabric=FABRIC, noise=0.0, seed=0):
+    """A hanging panel whose upper edge sways: model, recording (as simulated), true velocities [T, V, 3]."""
+    x, faces = sheet(7, 7, length=0.4, width=0.4)
+    x = x[:, [1, 0, 2]] * (1, -1, 1)  # hangs from its first row
+    cloth = Cloth(x, faces, np.arange(7))
+    n, settle = 4, 30
+    t = np.arange((T + settle - 1) * n + 1) / (FPS * n) - settle / FPS
+    shift = np.where(t > 0, 0.05 * (1 - np.cos(2 * np.pi * 1.2 * t)), 0.0)
+    boundary = x[None, :7] + shift[:, None, None] * (0, 0, 1) + shift[:, None, None] * (1, 0, 0)
+    subject = Subject(cloth, fabric, NO_COLLIDER, np.full(49, "free"), FPS * n)
+    motion = Motion(np.zeros((len(t), 0, 3)), boundary)
+    frames = list(Model(subject, Settings(substeps=1)).run(motion, x, np.zeros_like(x)))[settle * n :: n]
+    y, v = np.stack([f.x for f in frames]), np.stack([f.v for f in frames])
+    observed = y + noise * np.random.default_rng(seed).standard_normal(y.shape)
+    own = Motion(np.zeros((T, 0, 3)), boundary[settle * n :: n])
+    return Model(replace(subject, fps=FPS), Settings(substeps=4)), Recording(own, observed, np.full(y.shape[:2], max(noise, 1e-4))), y, v
+
+
+@pytest.fixture(scope="module")
+def panel():
+    return swung(25, noise=1e-3)
+
+
+def test_windows_cover_every_recording_once(panel):
+    _, recording, *_ = panel
+    cut = windows([recording, recording.cut(slice(0, 13))], FPS)
+    for k, last in ((0, 24), (1, 12)):
+        own = [w for w in cut if w.recording == k]
+        assert own[0].start == 0 and own[-1].start + own[-1].length == last
+        assert all(a.start + a.length == b.start for a, b in itertools.pairwise(own))
+
+
+def test_states_are_nearer_the_truth_than_what_was_observed(panel):
+    model, recording, x, v = panel
+    found = states(model, recording.motion, recording.observed, 1e-3)
+    free = np.arange(7, 49)
+    raw = recording.observed - x
+    assert found.ending == "converged"
+    assert np.sqrt(np.mean((found.x - x)[:, free] ** 2)) < 0.8 * np.sqrt(np.mean(raw[:, free] ** 2))
+    two = np.gradient(recording.observed, 1 / FPS, axis=0)
+    assert np.sqrt(np.mean((found.v - v)[3:-3] ** 2)) < np.sqrt(np.mean((two - v)[3:-3] ** 2))
+
+
+def test_gaps_are_filled_in_time_and_over_the_mesh(panel):
+    model, _recording, x, _ = panel
+    y = x.copy()
+    y[5:8, 20] = np.nan
+    y[:, 30] = np.nan
+    whole, seen = filled(y, model.subject.cloth.faces)
+    assert np.isfinite(whole).all() and not seen[6, 20] and not seen[:, 30].any()
+    assert np.abs(whole[6, 20] - x[6, 20]).max() < 0.01
+    assert np.abs(whole[:, 30] - x[:, 30]).max() < 0.03
+
+
+def test_derivatives_of_a_parabola_are_exact():
+    t = np.arange(9)[:, None, None] / FPS
+    np.testing.assert_allclose(derivative(1 + 2 * t + 3 * t**2, FPS, 1), 2 + 6 * t, rtol=1e-9)
+    np.testing.assert_allclose(derivative(1 + 2 * t + 3 * t**2, FPS, 2), np.full_like(t, 6.0), rtol=1e-8)
+
+
+def test_modes_are_orthonormal_and_vanish_where_driven(panel):
+    cloth = panel[0].subject.cloth
+    φ = smooth_modes(cloth, 12)
+    gram = φ * cloth.vertex_areas @ φ.T / cloth.vertex_areas.sum()
+    np.testing.assert_allclose(gram, np.eye(12), atol=1e-8)
+    assert not φ[:, cloth.boundary].any()
+
+
+def test_columns_are_the_derivatives_of_the_prediction(panel):
+    model, recording, x, v = panel
+    window, φ = Window(0, 8, 4), smooth_modes(model.subject.cloth, 2)
+    start = States(x, v, "converged")
+    found = predict(model, recording, window, start, parameters=PARAMETERS, φ=φ)
+    e = 1e-4
+    for name in ("log_membrane", "log_bending"):
+        field = {"log_membrane": "membrane", "log_bending": "bending"}[name]
+        sides = [
+            predict(with_fabric(model, replace(FABRIC, **{field: getattr(FABRIC, field) * np.exp(s)})), recording, window, start).x
+            for s in (e, -e)
+        ]
+        slope = (sides[0] - sides[1])[1:] / (2 * e)
+        assert np.linalg.norm(found.columns[name] - slope) < 1e-3 * np.linalg.norm(slope)
+    dx, dv = state_columns(φ)["v 1 y"]
+    sides = [predict(model, recording, window, States(x + s * dx, v + s * dv, "converged")).x for s in (e, -e)]
+    slope = (sides[0] - sides[1])[1:] / (2 * e)
+    assert np.linalg.norm(found.columns["v 1 y"] - slope) < 1e-3 * np.linalg.norm(slope)
+
+
+def test_what_the_start_explains_is_taken_out_of_residual_and_columns(panel):
+    model, recording, x, v = panel
+    φ = smooth_modes(model.subject.cloth, 6)
+    off = States(x + 1e-3 * φ[0][:, None], v, "converged")
+    job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ)
+    raw, clean, right = follow(job), follow(replace(job, prior=Prior(1e-3, 0.01))), follow(replace(job, states=States(x, v, "converged")))
+    size = [np.sqrt(np.nanmean(e.residual**2)) for e in (raw, clean, right)]
+    assert size[0] > 2 * size[2] and size[1] < 1.5 * size[2], size  # as if it had started right
+    assert set(clean.prediction.columns) == set(PARAMETERS)
+
+
+def test_the_refit_finds_the_ratios_of_a_twin():
+    model, recording, *_ = swung(25, noise=1e-3)
+    wrong = with_fabric(model, Fabric(320.0, 1.0, 40.0))
+    found = states(wrong, recording.motion, recording.observed, 1e-3)
+    φ = smooth_modes(model.subject.cloth, 10)
+    todo = [Job(wrong, recording, w, found, φ) for w in windows([recording], FPS)]
+    fit = refit(todo, noise=1e-3, iterations=6)
+    fabric = fit.model.subject.fabric
+    assert fabric.membrane / fabric.density == pytest.approx(FABRIC.membrane / FABRIC.density, rel=0.3)
+    assert fabric.bending / fabric.density == pytest.approx(FABRIC.bending / FABRIC.density, rel=0.3)
+    misfits = [row["misfit"] for row in fit.history]
+    assert misfits[-1] < misfits[0]

@@ -1,0 +1,61 @@
+"""Which cases an exam holds."""
+
+from collections import Counter
+
+import pytest
+
+from tasks.effects.library import library, suspects
+from tasks.exam.generator.causes import CAUSES, LIBRARY, OUTSIDE
+from tasks.exam.generator.scenes import MOTIONS
+from tasks.exam.generator.strata import STRATA, admissible, drawn, questions
+
+
+def test_full_exam_has_the_strata_asked_for():
+    assert Counter(q.stratum for q in questions(160, 0)) == STRATA
+
+
+def test_any_beginning_is_a_fair_sample():
+    first = Counter(q.stratum for q in questions(160, 0)[:40])
+    assert all(abs(first[s] - n / 4) <= 1 for s, n in STRATA.items())
+
+
+def test_every_effect_is_asked_for_and_withheld_effects_differ():
+    cases = questions(160, 3)
+    assert {n for q in cases if q.stratum == "single" for n in q.causes} == set(LIBRARY)
+    withheld = [q.withheld for q in cases if q.withheld]
+    assert len(withheld) == 12 == len(set(withheld))
+    assert {n for q in cases if q.stratum == "outside" and not q.withheld for n in q.causes} == set(OUTSIDE)
+
+
+def test_the_same_seed_asks_the_same_and_another_something_else():
+    assert questions(20, 1) == questions(20, 1)
+    assert questions(20, 1) != questions(20, 2)
+
+
+def test_garments_can_show_what_is_asked_and_motions_differ():
+    for q in questions(160, 5):
+        for attempt in range(3):
+            d = drawn(q, attempt)
+            assert all(d.kind in CAUSES[n].needs for n in d.causes)
+            assert len(set(d.motions)) == 3 and set(d.motions) <= set(MOTIONS[d.kind])
+
+
+def test_pairs_are_of_two_families():
+    assert all(len({n.split("_")[0] for n in q.causes}) == 2 for q in questions(160, 0) if q.stratum == "pair")
+
+
+def test_admissible_classes_hold_the_name_and_are_small():
+    assert all(name in admissible(name) and len(admissible(name)) <= 5 for name in LIBRARY)
+    assert "contact_thickness" in admissible("body_offset") and "body_lag" in admissible("observation_delay")
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_names_and_units_are_those_that_the_diagnosis_uses(name):
+    """The generator cannot import the library; this test is where the two are compared."""
+    named = {e.name: e for e in suspects(library().values())}
+    assert name in named
+    assert CAUSES[name].unit == named[name].strengths[0].unit
+
+
+def test_every_effect_that_a_verdict_may_name_is_in_the_exam():
+    assert {e.name for e in suspects(library().values())} == set(LIBRARY)

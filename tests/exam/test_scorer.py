@@ -1,0 +1,139 @@
+"""The scorer on answers written by hand."""
+
+import numpy as np
+import pytest
+
+from tasks.exam.scorer.case import area_under_curve, closing, credit, score
+from tasks.exam.scorer.intervals import bootstrap, wilson
+from tasks.exam.scorer.page import page
+from tasks.exam.scorer.summary import calibration_error, summary
+
+
+def truth(causes: dict[str, float], *, stratum: str = "single", withheld: str | None = None, multiple: float = 4.0) -> dict:
+    return {
+        "question": {"number": 3, "stratum": stratum, "twist": "", "withheld": withheld},
+        "causes": {n: {"strength": θ, "unit": "m2/kg"} for n, θ in causes.items()},
+        "admissible": {n: [n, "air_linear_drag"] for n in causes},
+        "multiple": multiple,
+        "local": True,
+        "acceleration": list(range(10)),
+    }
+
+
+def answer(kind: str, classes: list[list[str]], ranking: list[tuple[list[str], float]], **where) -> dict:
+    return {
+        "version": 1,
+        "verdict": {"kind": kind, "effects": [c[0] for c in classes], "class": classes, "probability": ranking[0][1]},
+        "ranking": [
+            {"class": c, "probability": p, "strength": {n: {"value": 9.0, "unit": "m2/kg", "low": 8, "high": 12} for n in c}}
+            for c, p in ranking
+        ],
+        "answer_set_90": [n for c, p in ranking for n in c if p > 0.05],
+        "where": where,
+        "seconds": 20.0,
+    }
+
+
+DRAG, LINEAR, HEM = "air_normal_drag", "air_linear_drag", "fabric_hem_mass"
+
+
+def test_credit_is_divided_by_names_outside_the_admissible_class():
+    assert credit([DRAG], DRAG, [DRAG]) == 1
+    assert credit([DRAG, LINEAR], DRAG, [DRAG, LINEAR]) == 1
+    assert credit([DRAG, HEM], DRAG, [DRAG, LINEAR]) == 1 / 2
+    assert credit([DRAG, HEM, "body_lag", LINEAR], DRAG, [DRAG, LINEAR]) == 1 / 3
+    assert credit([DRAG, LINEAR, HEM, "body_lag", "air_lift"], DRAG, [DRAG, LINEAR]) == 0  # five names
+    assert credit([LINEAR], DRAG, [DRAG, LINEAR]) == 0  # admissible, but not the truth
+
+
+def test_a_right_name_scores():
+    row = score(truth({DRAG: 10.0}), answer("effect", [[DRAG, LINEAR]], [([DRAG, LINEAR], 0.9), (["none"], 0.1)]))
+    assert (row["credit"], row["top1"], row["top3"], row["right"], row["covered"]) == (1, 1, 1, True, True)
+    assert row["probability_of_truth"] == pytest.approx(0.9)
+    assert row["strength_error"] == pytest.approx(0.1) and row["strength_covered"]
+
+
+def test_a_second_place_counts_for_top3_only():
+    row = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 0.6), ([DRAG], 0.3), (["none"], 0.1)]))
+    assert (row["credit"], row["top1"], row["top3"], row["right"]) == (0, 0, 1, False)
+
+
+def test_a_pair_needs_both_names():
+    both = truth({DRAG: 10.0, HEM: 1.0}, stratum="pair")
+    row = score(both, answer("effect", [[DRAG], [HEM]], [([DRAG], 0.6), ([HEM], 0.3), (["none"], 0.1)]))
+    assert (row["found"], row["right"], row["credit"]) == (2, True, 1.0)
+    row = score(both, answer("effect", [[DRAG]], [([DRAG], 0.6), (["none"], 0.4)]))
+    assert (row["found"], row["right"], row["credit"]) == (1, False, 0.5)
+
+
+def test_nulls_and_unknown_causes():
+    none = answer("none", [], [(["none"], 0.8), ([DRAG], 0.2)])
+    outside = answer("outside_library", [], [(["outside_library"], 0.7), ([DRAG], 0.3)])
+    assert score(truth({}, stratum="null"), none)["right"]
+    withheld = score(truth({DRAG: 1.0}, stratum="outside", withheld=DRAG), outside)
+    assert withheld["expected"] == "outside_library" and withheld["right"] and withheld["covered"]
+    assert not score(truth({DRAG: 1.0}, stratum="outside", withheld=DRAG), none)["right"]
+
+
+def test_no_answer_is_wrong_everywhere():
+    row = score(truth({DRAG: 1.0}), None)
+    assert (row["credit"], row["top1"], row["probability_of_truth"], row["failed"]) == (0, 0, 0, True)
+
+
+def test_localisation_is_the_share_of_pairs_in_order():
+    value, positive = np.array([0.1, 0.4, np.nan, 0.4, 0.9]), np.array([False, True, False, False, True])
+    brute = np.mean([1.0 if a > b or np.isnan(b) else 0.5 if a == b else 0.0 for a in value[positive] for b in value[~positive]])
+    assert area_under_curve(value, positive) == pytest.approx(brute)
+    row = score(truth({DRAG: 1.0}), answer("effect", [[DRAG]], [([DRAG], 1.0)], vertex_accel=[0.0] * 8 + [1.0, 2.0]))
+    assert row["auc"] == 1
+
+
+def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
+    T, V = 5, 4
+    x = np.zeros((T, V, 3))
+    held_out = {"vertices": x, "observed": np.ones((T, V), bool), "boundary": np.array([0])}
+    held_out["observed"][3, 2] = False
+    before, after = np.full((T, V, 3), 99.0), np.full((T, V, 3), 99.0)
+    before[2:, 1:], after[2:, 1:] = [0.03, 0, 0], [0.01, 0, 0]
+    before[3, 2] = after[3, 2] = np.nan
+    row = closing({"before": before, "after": after}, held_out, 0.01)
+    assert row["before_mm"] == pytest.approx(30) and row["after_mm"] == pytest.approx(10)
+    assert row["closed"] == pytest.approx((9 - 1) / (9 - 1)) and not row["worse"]
+    assert "closed" not in closing({"before": before, "after": after}, held_out, 0.025)
+    assert closing({"before": after, "after": before}, held_out, 0.001)["worse"]
+
+
+def test_wilson_against_the_textbook():
+    """Newcombe 1998, table I: 81 of 263 gives 0.2553 … 0.3662."""
+    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    assert wilson(0, 32)[1] == pytest.approx(0.107, abs=1e-3)
+
+
+def test_bootstrap_of_a_mean_has_the_width_of_the_normal():
+    values = np.random.default_rng(0).normal(size=400)
+    low, high = bootstrap(values)
+    assert high - low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
+
+
+def test_calibration_error_of_ten_answers():
+    rows = [{"confidence": 0.95, "right": k < 6} for k in range(10)]
+    assert calibration_error(rows)["value"] == pytest.approx(0.35)
+
+
+def test_summary_and_page_hold_every_case():
+    rows = [
+        score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])),
+        score(truth({}, stratum="null"), answer("effect", [[HEM]], [([HEM], 0.9), (["none"], 0.1)])),
+        score(truth({DRAG: 1.0}, multiple=1.0), None),
+    ]
+    figures = {f["metric"]: f for f in summary(rows)}
+    assert figures["false attribution on nulls"]["value"] == 1
+    assert figures["top-1, single effects from 2x the floor"]["cases"] == 1
+    assert figures["top-1, single effects near 1x the floor"]["value"] == 0
+    result = {"split": "open", "version": None, "cases": 3, "left_out": [], "figures": summary(rows), "rows": rows}
+    text = page(result)
+    assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text
+
+
+def test_summary_of_nothing_is_empty_and_does_not_fail():
+    assert all(f["value"] is None for f in summary([]))

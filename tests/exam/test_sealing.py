@@ -1,0 +1,131 @@
+"""The truth is sealed, the examined process cannot open it, and the scoreboard only grows."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows import exam
+from flows.exam_candidate import closed
+from tasks.exam.generator.making import Made
+from tasks.exam.generator.strata import Question
+
+ROOT = Path(__file__).parents[2]
+QUESTION = Question(7, "single", {"air_lift": 4.0}, "air_lift", "", "curtain", ("sway", "turn", "ball"), (0, 7))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    x = np.zeros((3, 2, 3))
+    arrays = {"vertices": x, "observed": np.ones((3, 2), bool), "boundary": np.zeros(0, np.int32)}
+    truth = {
+        "question": {"number": 7, "stratum": "outside", "twist": "", "withheld": "air_lift"},
+        "causes": {"air_lift": {"strength": 5.0, "unit": "m2/kg"}},
+        "admissible": {"air_lift": ["air_lift"]},
+        "multiple": 4.0,
+        "floor_mm": 1.0,
+        "local": False,
+    }
+    made = exam.Folder(tmp_path)
+    made.write(QUESTION, Made((arrays, arrays), arrays, arrays, truth))
+    return made
+
+
+def test_the_published_seal_is_that_of_the_truth(folder):
+    assert (folder.case(7) / "truth.sha256").read_text().strip() == exam.seal(folder.sealed(7))
+    assert folder.truth(7)["causes"] == {"air_lift": {"strength": 5.0, "unit": "m2/kg"}}
+
+
+@pytest.mark.parametrize("file", ["truth.json", "held-out.npz"])
+def test_a_truth_that_was_touched_is_refused(folder, file):
+    with (folder.sealed(7) / file).open("ab") as f:
+        f.write(b" ")
+    with pytest.raises(ValueError, match="not what was sealed"):
+        folder.truth(7)
+
+
+def test_what_the_diagnosis_gets_holds_no_truth(folder):
+    for file in folder.case(7).iterdir():
+        assert file.name in {*exam.OPEN_FILES, "truth.sha256", "withheld"}
+
+
+def test_an_examined_process_opens_neither_truth_nor_exam(folder):
+    attempts = {
+        f"open({str(folder.sealed(7) / 'truth.json')!r})": True,
+        f"__import__('os').listdir({str(folder.sealed(7))!r})": True,
+        f"__import__('pathlib').Path({str(folder.sealed(7) / 'truth.json')!r}).read_bytes()": True,
+        "__import__('tasks.exam.generator.causes')": True,
+        f"__import__('subprocess').run(['cat', {str(folder.sealed(7) / 'truth.json')!r}])": True,
+        f"open({str(folder.case(7) / 'truth.sha256')!r})": False,
+    }
+    script = "import sys; from flows.exam_candidate import closed; sys.addaudithook(closed)\n"
+    for attempt, refused in attempts.items():
+        ended = subprocess.run([sys.executable, "-c", script + attempt], cwd=ROOT, capture_output=True, text=True, check=False)
+        assert ("PermissionError" in ended.stderr) == refused, attempt + ended.stderr
+
+
+def test_the_hook_looks_at_bytes_too():
+    with pytest.raises(PermissionError):
+        closed("open", (b"/somewhere/sealed.truth/x", "r", 0))
+
+
+def test_the_command_line_works_under_the_hook(tmp_path):
+    ended = subprocess.run(
+        [sys.executable, "-m", "flows.exam_candidate", "gap", "--help"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_the_sealed_seed_follows_the_examined_code(tmp_path):
+    for part in exam.EXAMINED:
+        (tmp_path / part).mkdir(parents=True)
+    code = tmp_path / exam.EXAMINED[-1] / "verdict.py"
+    code.write_text("x = 1\n")
+    before = exam.sealed_seed(0, tmp_path)
+    assert exam.sealed_seed(0, tmp_path) == before != exam.sealed_seed(1, tmp_path)
+    code.write_text("x = 2\n")
+    assert exam.sealed_seed(0, tmp_path) != before
+
+
+def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, monkeypatch):
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "it broke", 1))
+    exam.diagnose(folder, 7)
+    row = exam.mark(folder, 7)
+    assert row["failed"] and row["credit"] == 0
+    assert (folder.answer(7) / "stderr.txt").read_text() == "it broke"
+
+
+def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatch):
+    calls = []
+
+    def run(command, place):
+        calls.append(command)
+        assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
+        return "{}", "", 0
+
+    monkeypatch.setattr(exam, "_run", run)
+    exam.diagnose(folder, 7)
+    exam.diagnose(folder, 7)
+    assert len(calls) == 1
+    assert calls[0][calls[0].index("--without") + 1] == "air_lift"
+
+
+def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board = tmp_path / "board.jsonl"
+    sitting = exam.Exam(folder, 1, 0, "sealed")
+    exam.sit(sitting, scoreboard=board)
+    result = exam.sit(sitting, scoreboard=board)
+    lines = [json.loads(line) for line in board.read_text().splitlines()]
+    assert len(lines) == 2 and {line["version"] for line in lines} == {exam.version()}
+    assert result["cases"] == 2  # the pool of both attempts
+    assert not exam.pooled(board, "another version")
