@@ -12,6 +12,7 @@ from rich.table import Table
 
 from flows.config import load
 from flows.endings import OK, STAGE_FAILED, Refused
+from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 app = App(name="artifacts", help="Look into the store: ls, show, verify, gc.")
@@ -66,7 +67,7 @@ def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Root = Non
 
 
 def _open(store: Path | None) -> Store:
-    return Store(load(places={"store": store}).store)
+    return open_store(load(places={"store": store}).store)
 
 
 def _plain(value: Any) -> Any:

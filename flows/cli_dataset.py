@@ -13,7 +13,7 @@ from rich.table import Table
 from flows.config import load
 from flows.dataset import Standing, counts, find_sequences, plan_dataset
 from flows.endings import OK, STAGE_FAILED, Refused
-from storage_schemas.store import Store
+from storage_schemas.object_store import open_store
 
 app = App(name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
@@ -62,13 +62,13 @@ def submit(*, set_: Set = (), store: Root = None, wait: bool = False, json_: Jso
         asyncio.run(dispatch(dataset_work(settings)))
     except WorkFailed as failed:
         Console(stderr=True, highlight=False).print(str(failed))
-    return _show(_campaign(Path(settings.store), None), json_)
+    return _show(_campaign(open_store(settings.store).root, None), json_)
 
 
 @app.command
 def status(campaign: str | None = None, *, store: Root = None, json_: Json = False) -> int:
     """How far the newest run over the dataset is, or the one whose id begins so."""
-    found = _campaign(Path(load(places={"store": store}).store), campaign)
+    found = _campaign(open_store(load(places={"store": store}).store).root, campaign)
     _show(found, json_)
     return OK
 
@@ -79,14 +79,14 @@ def report(out: Path, *, store: Root = None) -> int:
     from flows.dataset_report import write_dataset_report
 
     settings = load(places={"store": store})
-    opened = Store(settings.store)
+    opened = open_store(settings.store)
     return _print({"written": str(write_dataset_report(out, opened, find_sequences(Path(settings.data))))})
 
 
 def _standings(settings: Any) -> Iterator[Standing]:
     from flows.service.deployed import SERVICE
 
-    store = Store(settings.store)
+    store = open_store(settings.store)
     return plan_dataset(find_sequences(Path(settings.data)), lambda at: SERVICE.request(at, settings, store), store)
 
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from flows.config import load
 from flows.endings import OK, Refused
+from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 
@@ -34,7 +35,7 @@ def export(
     unknown = [f for f in format_ if f not in avatar.FORMATS]
     if unknown:
         raise Refused(f"there is no format {unknown[0]!r}; there are {', '.join(avatar.FORMATS)}")
-    opened = Store(load(places={"store": store}).store)
+    opened = open_store(load(places={"store": store}).store)
     written = avatar.export(avatar.Avatar(opened, actor, sequence or _only_sequence(opened, actor)), folder, format_)
     if json_:
         sys.stdout.write(json.dumps([str(path) for path in written]) + "\n")

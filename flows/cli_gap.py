@@ -15,6 +15,30 @@ from flows.endings import OK
 app = App(name="gap", help="The gap between simulation and recording: run.")
 
 
+@app.default
+def of(
+    actor: str,
+    *,
+    sequence: str | None = None,
+    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")] = (),
+    store: Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")] = None,
+    json_: Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")] = False,
+) -> int:
+    """Process an actor as far as the diagnosis, and show it.
+
+    Parameters
+    ----------
+    actor: Name of a folder below the data folder.
+    sequence: Which of the actor's sequences; may be left out when there is one.
+    """
+    from flows.submission import Submission
+    from storage_schemas.gap import Gap
+
+    submission = Submission.prepare(actor, sequence, until="gap", overrides=set_, store=store, console=Console(stderr=True))
+    found = submission.store.open(submission.run().artifacts["gap"], Gap).verdict
+    return _tell(found, json_)
+
+
 @app.command
 def run(
     *tracks: Path,
@@ -41,6 +65,10 @@ def run(
     messages = Console(stderr=True)
     request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder)
     found, _ = gap.run(request, tell=lambda text: messages.print(text, style="dim", markup=False, highlight=False))
+    return _tell(found, json_)
+
+
+def _tell(found: dict[str, Any], json_: bool) -> int:
     if json_:
         sys.stdout.write(json.dumps(found, indent=1, allow_nan=False) + "\n")
     else:

@@ -18,9 +18,9 @@ import os
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import BeforeValidator, Field, ValidationError, create_model
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from flows.dataset import DatasetParameters
@@ -30,6 +30,7 @@ from flows.service.parameters import ServiceParameters
 from tasks.geometry.faults import BadInput, Fault
 
 CONFIG_FILE = "physavatar.toml"
+Place = Annotated[Path | str, BeforeValidator(lambda at: at if "://" in str(at) else Path(at))]
 
 
 class _Places(BaseSettings):
@@ -37,7 +38,7 @@ class _Places(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="PHYSAVATAR_", env_nested_delimiter="__", extra="forbid", frozen=True)
 
-    store: Path = Field(Path("artifacts"), description="folder of the artifact store")
+    store: Place = Field(Path("artifacts"), description="folder of the artifact store, or s3://bucket/prefix")
     data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
     effects_folder: Path | None = Field(None, description="folder of further effects, one Python file each")
     demo: DemoParameters = Field(default_factory=DemoParameters, description="size of the demo recording")

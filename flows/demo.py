@@ -11,6 +11,7 @@ from rich.progress import Progress
 from storage_schemas.appearance import Appearance
 from storage_schemas.body import Body
 from storage_schemas.cloth import Cloth
+from storage_schemas.gap import Gap
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
@@ -18,8 +19,9 @@ from tasks.exam.scorer.demo import demo_scores
 from tasks.stage import Parameters
 
 DEMO, SEQUENCE = "demo", "Sequence1"
+PLANTED = "air_normal_drag"  # the garments move in air, which the base model lacks
 TRUTH = "demo.truth"  # the ending closes it to every stage
-COMPARED = ("body", "tracking", "cloth", "appearance")
+COMPARED = ("body", "tracking", "cloth", "appearance", "gap")
 
 
 class DemoParameters(Parameters):
@@ -67,6 +69,8 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
             for name, f in fabrics.items()
         },
         psnr=appearance.psnr,
+        planted=PLANTED,
+        verdict=store.open(artifacts["gap"], Gap).verdict,
     )
 
 

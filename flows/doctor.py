@@ -31,8 +31,8 @@ def examine(settings: Any) -> list[Finding]:
         *_guarded("LLVM for Mitsuba", _llvm, "apt-get install libllvm19"),
         *_guarded("sparse Cholesky", _cholmod, "apt-get install libsuitesparse-dev gcc; make setup"),
         *_guarded("model files", lambda: _models(settings), "set body.model and keypoints.model to files that exist"),
-        *_guarded("store", lambda: _store(Path(settings.store)), "make the store folder writable, or set `store`"),
-        *_guarded("disk", lambda: _disk(Path(settings.store)), "free space: physavatar artifacts gc"),
+        *_guarded("store", lambda: _store(settings.store), "make the store folder writable, or set `store`"),
+        *_guarded("disk", lambda: _disk(_local(settings.store)), "free space: physavatar artifacts gc"),
         *_guarded("clock", _clock, "set the system clock (leases and schedules rest on it)"),
         *(finding for name, look, remedy in service.checks(settings.service) for finding in _guarded(name, look, remedy)),
     ]
@@ -72,13 +72,19 @@ def _models(settings: Any) -> Iterator[str]:
         yield f"{stage}.{name} = {path or 'the demo body'}"
 
 
-def _store(root: Path) -> Iterator[str]:
-    from storage_schemas.store import Store
+def _store(location: Path | str) -> Iterator[str]:
+    from storage_schemas.object_store import open_store
 
-    probe = Store(root).root / f".doctor-{os.getpid()}"
+    opened = open_store(location)
+    probe = opened.root / f".doctor-{os.getpid()}"
     probe.write_text("")
     probe.unlink()
-    yield str(root.resolve())
+    opened.latest("doctor", "doctor", "capture")  # an object store must answer
+    yield opened.location
+
+
+def _local(location: Path | str) -> Path:
+    return Path(location) if "://" not in str(location) else Path.home()
 
 
 def _disk(root: Path) -> Iterator[str]:

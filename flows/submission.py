@@ -17,6 +17,7 @@ from flows.preflight import preflight
 from flows.progress import bars
 from flows.request import Planned, Request, plan_actor
 from flows.runs import RunRecord
+from storage_schemas.object_store import open_store
 from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
 from tasks.geometry.faults import BadInput, Fault
@@ -76,7 +77,7 @@ class Submission:
         sequence, recording = _find_recording(Path(settings.data), actor, sequence)
         if settings.capture.recording is None:
             settings = load([*overrides, f"capture.recording={recording}"], places={"store": store})
-        opened = Store(settings.store)
+        opened = open_store(settings.store)
         scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
         return cls(Request(actor, sequence, settings, AVATAR, until, scores), opened, console)
 

@@ -9,7 +9,7 @@
 The store is the source of truth: nobody else's record of what exists counts. `layout.py` says what lies where,
 `publication.py` how an artifact comes to be, `sweep.py` how it goes.
 
-Limit: a POSIX file system. On an object store, which has no rename, the manifest would be written last, if none matches.
+This one lies on a POSIX file system; `object_store.py` keeps the same artifacts in an object store, which has no rename.
 """
 
 from __future__ import annotations
@@ -59,6 +59,11 @@ class Store:
         self.root = Path(root).resolve()
         with full_disk_explained(self.root):
             check_format(self.root)
+
+    @property
+    def location(self) -> str:
+        """What names this store on every machine: a folder here, a URL for an object store."""
+        return str(self.root)
 
     def publish(self, record: Record, *, actor: str, sequence: str, stage: str, key: str, provenance: Provenance) -> ArtifactRef:
         """Makes `record` the artifact of this key, or returns the sound one that is there already.

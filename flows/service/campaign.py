@@ -23,6 +23,7 @@ from flows.service.hand_over import actor_work
 from flows.service.order import Service
 from flows.service.survey import json_settings, survey
 from storage_schemas.durable import make_folders, replace_file
+from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 GPU_POOLS = frozenset({"tracking", "rendering"})
@@ -94,7 +95,7 @@ def dataset_flow(service: Service) -> Flow:
 
 async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequence]) -> Campaign:
     """Process the sequences; the campaign as it ended. Raises WorkFailed at the end if any of them failed."""
-    store = Store(Path(settings.store))
+    store = open_store(settings.store)
     campaign = Campaign(store.root)
     wishes: DatasetParameters = settings.dataset
 
@@ -139,7 +140,7 @@ async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, r
 
 def dataset_work(settings: Any) -> Work:
     """The dataset as this configuration sees it, as work for the service; paths made absolute, for workers run elsewhere."""
-    places = {"store": Path(settings.store).resolve(), "data": Path(settings.data).resolve()}
+    places = {"store": open_store(settings.store).location, "data": Path(settings.data).resolve()}
     absolute = settings.model_copy(update=places)
     parameters = json_settings(absolute) | {"dataset": settings.dataset.model_dump(mode="json")}
     digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,6 +1,5 @@
 """From deploy/prefect.yaml to pools, queues and deployments on the server. Safe to repeat: what exists is brought up to date."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +23,18 @@ def read(file: Path = PREFECT_FILE) -> dict[str, Any]:
     return yaml.safe_load(file.read_text())
 
 
-async def deploy(
-    client: PrefectClient, described: dict[str, Any], *, kind: str = "process", variables: dict[str, Any] | None = None
-) -> None:
-    """Make all pools of one `kind` (process, docker, kubernetes) with `variables` as defaults of their jobs, then all deployments."""
+def job_variables(kind: str, file: Path = POOLS_FILE) -> dict[str, dict[str, Any]]:
+    """Pool → defaults of its jobs (image, GPU, memory …) for a kind of pool, from deploy/pools.yaml. Raises Refused."""
+    kinds = yaml.safe_load(file.read_text())
+    if kind not in kinds:
+        raise Refused(f"there is no kind of pool {kind!r}; there are {', '.join(kinds)}")
+    return kinds[kind]
+
+
+async def deploy(client: PrefectClient, described: dict[str, Any], *, kind: str, variables: dict[str, dict[str, Any]]) -> None:
+    """Make all pools of one `kind` (process, docker, kubernetes), with `variables` by pool as defaults of their jobs; then all deployments."""
     for name, pool in described["pools"].items():
-        await _pool(client, name, kind, variables or {})
+        await _pool(client, name, kind, variables.get(name, {}))
         for queue, wanted in pool["queues"].items():
             await _queue(client, name, queue, **wanted)
     for deployment in described["deployments"]:
@@ -48,7 +53,7 @@ async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str
 
 def _process_defaults() -> dict[str, Any]:
     """A command spares the worker two more interpreters per run, which it would start to look for dependencies."""
-    return {"command": f"{sys.executable} -m prefect.engine"}
+    return {"command": "python -m prefect.engine"}  # that of the worker: its PATH begins with its own environment
 
 
 async def _queue(client: PrefectClient, pool: str, name: str, priority: int, limit: int | None = None) -> None:

@@ -36,6 +36,6 @@ def actor_work(request: Request, store: Store, queue: str = "single") -> Work:
 def _parameters(request: Request, store: Store) -> dict[str, Any]:
     """JSON whose paths mean the same on every machine that shares them."""
     capture = request.settings.capture.model_copy(update={"recording": request.recording.resolve()})
-    places = {"store": store.root, "data": request.settings.data.resolve(), "capture": capture}
+    places = {"store": store.location, "data": request.settings.data.resolve(), "capture": capture}
     settings = json_settings(request.settings.model_copy(update=places))
     return {"actor": request.actor, "sequence": request.sequence, "settings": settings, "until": request.until}

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -10,6 +9,7 @@ from pydantic import BaseModel
 from flows.dataset import Sequence
 from flows.line import Line
 from flows.request import Request
+from storage_schemas.object_store import open_store
 from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
 
@@ -35,11 +35,11 @@ class Service:
         validate_name(actor, "actor")
         validate_name(sequence, "sequence")
         parsed = self.settings.model_validate(settings)
-        store = Store(Path(parsed.store))
+        store = open_store(parsed.store)
         return Request(actor, sequence, parsed, self.line, until, self.scores(actor, parsed, store)), store
 
     def request(self, at: Sequence, settings: Any, store: Store) -> Request:
         """The request for one recording of a dataset."""
         own = settings.capture.model_copy(update={"recording": at.recording.resolve()})
-        parsed = settings.model_copy(update={"capture": own, "store": store.root})
+        parsed = settings.model_copy(update={"capture": own, "store": store.location})
         return Request(at.actor, at.sequence, parsed, self.line, settings.dataset.until, self.scores(at.actor, parsed, store))

@@ -3,7 +3,8 @@
     E(ρ, κ_s, κ_b) = 1/(T−1) Σ_{t=1}^{T−1} 1/V Σ_i ‖x_{t,i} − x̂_{t,i}‖²       free vertices, x̂ the tracked mesh, x_0 = x̂_0
     g_k = (E(θ + δ_k e_k) − E(θ)) / δ_k,      θ ← clamp(θ − Adam(g)),      all three at once, 100 times
 
-δ = (5 kg/m³, 0.05, 0.05), ρ in 200–640 kg/m³, κ in 0.1–8, 24 frames, one backward Euler step of 0.04 s per frame; at the top of a range the
+δ = (5 kg/m³, 0.05, 0.05), ρ in 200–640 kg/m³, κ in 0.1–8, 24 frames, one backward Euler step per frame (0.04 s at 25 frames
+per second); at the top of a range the
 difference is taken backwards. Adam works on (θ − low)/(high − low): in raw units, as released, its steps are at most the learning rate, so 100
 of them move the density by about 7 of 440 kg/m³ and the parameter is in effect frozen. `as_released` shows that: raw units, rate 0.1 to 0.04, the
 perturbed value clipped at the top of its range yet divided by the whole δ, the density cut to an integer.
@@ -28,7 +29,6 @@ from tasks.simulator import Fabric
 Array = NDArray[np.float64]
 
 FRAMES = 24  # after the first
-STEP_S = 0.04
 ITERATIONS = 100
 DIFFERENCES = np.array([5.0, 0.05, 0.05])
 LOW, HIGH = np.array([200.0, 0.1, 0.1]), np.array([640.0, 8.0, 8.0])

@@ -89,6 +89,10 @@ class FrameFile(FrameMemory):
             )
         aside.replace(self.path)
 
+    @override
+    def forget(self) -> None:
+        self.path.unlink(missing_ok=True)
+
 
 def _name(fabric: Fabric) -> str:
     return json.dumps(asdict(fabric))

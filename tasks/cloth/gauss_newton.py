@@ -191,11 +191,11 @@ def normal_equations(scene: Scene, at: Replay) -> Normal:
     return Normal(np.stack([g[block == b].sum(0) for b in present]), np.stack([A[block == b].sum(0) for b in present]))
 
 
-def rms_mm(scene: Scene, at: Replay) -> float:
-    """Root mean square distance to what was observed, as far as the replay goes."""
+def rms_mm(scene: Scene, at: Replay) -> float | None:
+    """Root mean square distance to what was observed, as far as the replay goes; None where it did not begin."""
     T = len(at.x)
     misfit = (scene.observed[:T] - at.x)[scene.compared[:T]]
-    return float(1e3 * np.sqrt(np.mean(np.sum(misfit**2, 1)))) if len(misfit) else float("nan")
+    return float(1e3 * np.sqrt(np.mean(np.sum(misfit**2, 1)))) if len(misfit) else None
 
 
 def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:

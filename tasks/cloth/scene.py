@@ -84,21 +84,26 @@ class FrameMemory:
     def keep(self, fabric: Fabric, frames: Sequence[Frame]) -> None:
         """Remember the frames so far."""
 
+    def forget(self) -> None:
+        """The replay is over."""
+
 
 FORGETFUL = FrameMemory()
 
 
 def replay(scene: Scene, fabric: Fabric, *, tangents: tuple[str, ...] = (), memory: FrameMemory = FORGETFUL) -> Replay:
     """Simulate the scene with a fabric, with the tangents of these parameters."""
+    kept = memory.recall(fabric)
     journey = persevere(
         scene.drive,
         fabric,
         scene.settings,
         tangents=tangents,
         patience=scene.patience,
-        kept=memory.recall(fabric),
+        kept=kept if kept and set(tangents) <= set(kept[0].tangents) else (),
         on_frame=partial(memory.keep, fabric),
     )
+    memory.forget()
     frames = journey.frames
     columns = {name: np.stack([frame.tangents[name][0] for frame in frames]) for name in tangents if frames and name in frames[-1].tangents}
     newton, seconds = sum(f.newton_iterations for f in frames), sum(f.seconds for f in frames)

@@ -1,8 +1,9 @@
 """The base refit: κ_s and κ_b by Gauss–Newton over multiple-shooting windows, their start states marginalised.
 
-    minimise over θ = (log κ_s, log κ_b)    Σ_w r_wᵀ C_w⁻¹ r_w,    C_w = R + S_z P S_zᵀ
+    minimise over θ = (log κ_s, log κ_b)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w),    C_w = R + S_z P S_zᵀ
 
-The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only. P = diag(σ_x², σ_v²) is estimated from the data by the marginal
+The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
+Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only. P = diag(σ_x², σ_v²) is estimated from the data by the marginal
 likelihood. Levenberg damping; a step is kept when it lowers the misfit of the windows that were followed before and after.
 """
 
@@ -26,9 +27,11 @@ REFERENCE_DENSITY = 320.0  # [kg/m³] the bounds hold for κ · 320/ρ: they lim
 BOUNDS = {"log_membrane": (np.log(0.02), np.log(200.0)), "log_bending": (np.log(0.1), np.log(500.0))}
 LARGEST_STEP = 1.2  # of a logarithm
 SETTLED = 0.05  # of a logarithm
-PROMISE = 0.003  # share of the misfit that a step must promise to take away
+PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth another round
+DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
+SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
 SIGMA_X = (0.3, 1.0, 3.0)  # candidates for σ_x, of the noise
-SIGMA_V = (0.01, 0.03, 0.1, 0.3)  # candidates for σ_v [m/s]
+SIGMA_V = (0.01, 0.03, 0.1, 0.3, 1.0)  # candidates for σ_v [m/s]
 
 
 @dataclass(frozen=True)
@@ -144,36 +147,44 @@ def refit(
     jobs: Sequence[Job], *, noise: float, iterations: int = 4, run: Map = map, tell: Callable[[str], None] = lambda text: None
 ) -> BaseFit:
     """Fit `PARAMETERS` from the model of the jobs, all of one model."""
-    model, damping, history = jobs[0].model, 1e-3, []
+    model, damping, history = jobs[0].model, DAMPING[0], []
     now = list(run(follow, jobs))
     prior = estimated_prior(now, noise)
     ending = f"stopped after {iterations} iterations"
     for _ in range(iterations):
-        A, g = summed([without_state(e.normals, prior) for e in now if e.prediction.complete], PARAMETERS)
+        A, g = summed(weighed(now, prior), PARAMETERS)
         history.append(_row(model.subject.fabric, now, prior))
         tell(f"κ_s {model.subject.fabric.membrane:.3g}, κ_b {model.subject.fabric.bending:.3g}: misfit {history[-1]['misfit']:.3g}")
         if not A.any():
             ending = "no window can be followed"
             break
-        step = np.clip(np.linalg.solve(A + damping * np.diag(np.diag(A)) + 1e-9 * np.eye(2), g), -LARGEST_STEP, LARGEST_STEP)
-        step = moved(model.subject.fabric, step)[1]
-        promised = step @ (g - 0.5 * A @ step) / sum(without_state(e.normals, prior).c for e in now if e.prediction.complete)
-        if np.abs(step).max() < SETTLED or promised < PROMISE:
+        full = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(2), g)
+        coordinates = sum(e.normals.n for e in now)
+        step = np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
+        fabric, step = moved(model.subject.fabric, np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+        if np.abs(step).max() < SETTLED or 0.5 * full @ A @ full < PROMISE * coordinates:
             ending = "converged"
             break
-        tried_model = with_fabric(model, moved(model.subject.fabric, step)[0])
+        tried_model = with_fabric(model, fabric)
         tried = list(run(follow, [replace(job, model=tried_model) for job in jobs]))
-        if _misfit(tried, now, prior) < _misfit(now, tried, prior):
-            model, now, damping = tried_model, tried, max(damping / 10, 1e-4)
+        if _loss(tried, now, prior) < _loss(now, tried, prior):
+            model, now, damping = tried_model, tried, DAMPING[0]
             jobs = [replace(job, model=model) for job in jobs]
             prior = estimated_prior(now, noise)
-        elif damping > 10:
+        elif damping == DAMPING[-1]:
             ending = "converged: no shorter step lowers the misfit"
             break
         else:
-            damping = max(100 * damping, 1.0)
-    A, _ = summed([without_state(e.normals, prior) for e in now if e.prediction.complete], PARAMETERS)
+            damping = DAMPING[DAMPING.index(damping) + 1]
+    A, _ = summed(weighed(now, prior), PARAMETERS)
     return BaseFit(model, np.linalg.pinv(A), prior, tuple(now), tuple(history), ending)
+
+
+def weighed(evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
+    """Normal equations of the windows that were followed, the start state marginalised, each over its own scale s_w."""
+    found = [without_state(e.normals, prior) for e in evidence if e.prediction.complete]
+    scale = [max(n.c / n.n, SCALE) for n in found]
+    return [replace(n, G=n.G / s, g=n.g / s, c=n.c / s) for n, s in zip(found, scale, strict=True)]
 
 
 def summed(normals: Sequence[Normals], names: Sequence[str]) -> tuple[Array, Array]:
@@ -200,12 +211,13 @@ def with_fabric(model: Model, fabric: Fabric) -> Model:
     return replace(model, subject=replace(model.subject, fabric=fabric))
 
 
-def _misfit(of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:
-    """Σ rᵀC⁻¹r over the windows that both sets could follow; windows lost count as failure."""
+def _loss(of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:
+    """Σ n log s over the windows that both sets could follow; windows lost count as failure."""
     both = [e.prediction.complete and b.prediction.complete for e, b in zip(of, beside, strict=True)]
     if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
         return np.inf
-    return sum(without_state(e.normals, prior).c for e, ok in zip(of, both, strict=True) if ok)
+    found = [without_state(e.normals, prior) for e, ok in zip(of, both, strict=True) if ok]
+    return sum(n.n * float(np.log(max(n.c / n.n, SCALE))) for n in found)
 
 
 def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:

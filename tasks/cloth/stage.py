@@ -1,6 +1,7 @@
 """The doors of cloth: garments of a recorded actor, or of anybody's tracked geometry. Fit each fabric, publish it and how it then moves."""
 
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, Literal
 
 import numpy as np
@@ -92,7 +93,7 @@ class Work:
 
 @stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1)
 def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> ClothRecord:
-    """Fit all garments of an actor, two at a time."""
+    """Fit all garments of an actor, one after the other, each on both cores."""
     worn = _garments(tracking)
     if not worn:
         raise BadInput(
@@ -189,12 +190,10 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) ->
             save_fabric(saved, jobs[0].model.subject.fabric)
         return pool.map(function, jobs)
 
-    iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
-    told = [0]
+    iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
 
     def tell(text: str) -> None:
-        told[0] += 1
-        job.progress(told[0] / (iterations + 1), f"{work.name}: {text}")
+        job.progress(next(rounds) / (iterations + 1), f"{work.name}: {text}")
 
     found = fit_windows(scene, start, iterations=iterations, run=mapped, memory=memory, tell=tell)
     known = knowledge(scene, found, objective=Windowed(pool.map), otherwise=work.otherwise, profiles=parameters.profiles)

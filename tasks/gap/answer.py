@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tasks.effects.effect import Effect
 from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.held_out import Shrinkage
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.record_next import record_next
 from tasks.gap.residual import rms_mm
@@ -79,12 +80,15 @@ def sentence(found: Diagnosis) -> str:
     if v.kind == "outside_library":
         return f"{start}; no effect of the library explains it (probability {v.probability:.0%})."
     cause = " and ".join(c[0] if len(c) == 1 else f"one of {', '.join(c)}" for c in v.classes)
-    closed = (
-        ""
-        if gap.closed_fraction is None
-        else f"; with it the gap {'on motion kept out of the fit ' if gap.held_out else ''}falls to {gap.after_mm:.1f} mm ({gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%})"
-    )
-    return f"{start}; the cause is {cause} (probability {v.probability:.0%}){closed}."
+    return f"{start}; the cause is {cause} (probability {v.probability:.0%}){_closing(gap)}."
+
+
+def _closing(gap: Shrinkage) -> str:
+    if gap.closed_fraction is None:
+        return ""
+    where = "on motion kept out of the fit " if gap.held_out else ""
+    share = f"{gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%}"
+    return f"; with it the gap {where}falls to {gap.after_mm:.1f} mm ({share})"
 
 
 def _where(found: Diagnosis) -> dict[str, Any]:

@@ -22,6 +22,7 @@ def predicted(model: Model, recording: Recording) -> Array:
     found = states(replace(model, effects=(), strengths={}), first.motion, first.observed, noise)
     x0 = found.x[0] if len(found.x) else filled(first.observed, subject.cloth.faces)[0][0]
     v0 = (found.x[1] - found.x[0]) * subject.fps if len(found.x) == GIVEN else np.zeros_like(x0)
-    fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(subject, fps=subject.fps * n))
+    settings = replace(model.settings, substeps=1, yield_collider=True)  # where the cloth will be, nobody has seen
+    fine = replace(model, settings=settings, subject=replace(subject, fps=subject.fps * n))
     x = np.stack([f.x for f in fine.run(smooth(recording.motion, n), x0, v0)][::n])
     return model.observed(np.concatenate([x, np.repeat(x[-1:], T - len(x), 0)]))

@@ -17,18 +17,23 @@ from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, follow, mov
 from tasks.cloth.start_state import States, states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, Window, windows
+from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.held_out import Shrinkage, shrinkage
 from tasks.gap.hypotheses import Fitted, Windows
 from tasks.gap.numerics import corrected, finer_offset, size
-from tasks.gap.verdict import Candidate, Verdict, judge
+from tasks.gap.verdict import Candidate, Search, Verdict, judge, plausibility
 
 Array = NDArray[np.float64]
 
 MODES = 40  # smooth modes of the start state, times three directions, place and velocity
-LEADERS = 3  # hypotheses that are refitted with the simulator
+START_NOISE = 1.5  # variance of a residual that noise explains, in noise variances: the start errs too
+NUMERICS = 3.0  # the same for the discretisation, in squares of the difference to the finer re-run
+ITERATIONS = 4  # of the base refit
+LEADERS = 4  # hypotheses that are refitted with the simulator
+CONTENDER = 0.05  # least probability of a class whose members are
 PARTNERS = 6  # leaders whose pairs are tried
 HELD = 0.3  # share of each recording kept for the end where no recording is given for it
 FEWEST_WINDOWS = 4  # of training windows that can be followed
@@ -80,23 +85,26 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Refitted:
-    """A hypothesis after a refit with the simulator: its model, how it fits, and the evidence of its windows."""
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, and these linear about it."""
 
     hypothesis: Fitted
     model: Model
     evidence: tuple[Evidence, ...]
+    windows: Windows | None
 
 
 def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Data:
     """States and windows of recordings; windows that start where the cloth could not be brought to what was seen are left out."""
-    found = tuple(run(_states, [(model, r) for r in recordings]))
-    cut = windows(recordings, model.subject.fps)
-    return Data(tuple(recordings), found, tuple(w for w in cut if w.start < len(found[w.recording].x)))
+    found = list(run(_states, [(model, r) for r in recordings]))
+    yielded, walked = zip(*found, strict=True)
+    cut = windows(yielded, model.subject.fps)
+    return Data(yielded, walked, tuple(w for w in cut if w.start < len(walked[w.recording].x)))
 
 
-def _states(job: tuple[Model, Recording]) -> States:
+def _states(job: tuple[Model, Recording]) -> tuple[Recording, States]:
     model, recording = job
-    return states(model, recording.motion, recording.observed, float(np.median(recording.noise)))
+    recording = with_yielded_collider(recording, model)
+    return recording, states(model, recording.motion, recording.observed, float(np.median(recording.noise)))
 
 
 def split(data: Data) -> tuple[Data, Data]:
@@ -116,12 +124,18 @@ def jobs(model: Model, data: Data, φ: Array, **options) -> list[Job]:
 
 
 def screen(
-    model: Model, data: Data, effects: Sequence[Effect], *, run: Map = map, tell: Callable[[str], None] = lambda text: None
+    model: Model,
+    data: Data,
+    effects: Sequence[Effect],
+    *,
+    iterations: int = ITERATIONS,
+    run: Map = map,
+    tell: Callable[[str], None] = lambda text: None,
 ) -> Screened:
-    """Base refit, numerics, and the tangents of all effects on the training windows."""
+    """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known."""
     φ = smooth_modes(model.subject.cloth, MODES)
     noise = _noise(data.recordings)
-    base = refit(jobs(model, data, φ), noise=noise, run=run, tell=tell)
+    base = refit(jobs(model, data, φ), noise=noise, iterations=iterations, run=run, tell=tell)
     followed = [e.prediction.complete for e in base.evidence]
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
     coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
@@ -156,20 +170,34 @@ def ranked(compared: Windows) -> list[Fitted]:
     return sorted([*singles, *pairs], key=lambda f: -f.score)
 
 
-def refitted(screened: Screened, data: Data, hypothesis: Fitted, effects: Sequence[Effect], *, run: Map = map) -> Refitted:
-    """The training windows followed once more with the hypothesis' effects at their estimated strengths, and what a last linear step adds."""
-    base = screened.base
-    model = replace(base.model, effects=hypothesis.effects, strengths={e.name: hypothesis.θ(e) for e in hypothesis.effects})
-    model = with_fabric(model, moved(model.subject.fabric, hypothesis.base)[0])
+def refitted(
+    screened: Screened, data: Data, hypothesis: Fitted, effects: Sequence[Effect], *, start: Model | None = None, run: Map = map
+) -> Refitted:
+    """The training windows followed once more with the hypothesis' effects at their strengths, and what a last linear step adds.
+
+    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents.
+    """
+    base, fabric = screened.base, (start or screened.base.model).subject.fabric
+    model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
+    model = replace(model, effects=tuple(effects), strengths={e.name: hypothesis.θ(e) for e in hypothesis.effects})
     φ = smooth_modes(model.subject.cloth, MODES)
     data = data.only(e.prediction.window for e in screened.evidence)
-    offsets = [e.offset for e in screened.evidence]
-    todo = [replace(job, offset=o) for job, o in zip(jobs(model, data, φ, columns=True, prior=base.prior), offsets, strict=True)]
-    evidence = tuple(run(follow, todo))
+    todo = jobs(model, data, φ, columns=True, prior=base.prior)
+    evidence = tuple(run(follow, [replace(job, offset=e.offset) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
-        return Refitted(replace(hypothesis, gains=np.full(len(evidence), -1.0)), model, evidence)
-    after = screened.windows.again([corrected(without_state(e.normals, base.prior)) for e in evidence], hypothesis)
-    return Refitted(after, model, evidence)
+        return Refitted(replace(hypothesis, gains=np.full(len(evidence), -1.0)), model, evidence, None)
+    normals = [corrected(without_state(e.normals, base.prior)) for e in evidence]
+    after = screened.windows.about(normals, hypothesis.strengths).fit(hypothesis.effects)
+    return Refitted(after, model, evidence, Windows(normals, effects, hypothesis.strengths))
+
+
+def searched(named: Refitted) -> Search | None:
+    """Second effects beside a single one that was simulated: what it leaves, they may explain."""
+    if named.windows is None or len(named.hypothesis.effects) != 1:
+        return None
+    own = named.hypothesis.effects[0]
+    pairs = tuple(named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
+    return Search(named.windows.fit([own]), pairs)
 
 
 def diagnose(
@@ -194,24 +222,57 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    verdict = judge(screened.windows, screened.hypotheses, unexplained=unexplained(screened, _noise(recordings)))
-    named = Refitted(verdict.named, screened.base.model, screened.evidence)
-    if verdict.named is not None:
-        tell(f"refit with {verdict.named.name}")
-        named = refitted(screened, train, verdict.named, effects, run=run)
-        if not quick:
-            named = refitted(screened, train, named.hypothesis, effects, run=run)
-        verdict = replace(verdict, named=named.hypothesis)
+    verdict, named = _decided(screened, train, effects, unexplained(screened, _noise(recordings)), quick, run, tell)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run) if held_out is not None else held
     return _concluded(screened, verdict, named, train, kept, run)
+
+
+def _decided(
+    screened: Screened, train: Data, effects: Sequence[Effect], doubt: float, quick: bool, run: Map, tell: Callable[[str], None]
+) -> tuple[Verdict, Refitted]:
+    """The verdict after the leading hypotheses were simulated, and the named one as simulated last."""
+    verdict = judge(screened.hypotheses, unexplained=doubt)
+    nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
+    if verdict.named is None:
+        return verdict, nothing
+    after = {h.name: _told(screened, train, h, effects, run, tell) for h in contenders(verdict, 1 if quick else LEADERS)}
+    hypotheses = [after[h.name].hypothesis if h.name in after else h for h in screened.hypotheses]
+    verdict = judge(hypotheses, unexplained=doubt)
+    if verdict.named is None:
+        return verdict, nothing
+    single = max((h for h in hypotheses if len(h.effects) == 1), key=lambda h: h.score + plausibility(h))
+    if single.name in after:
+        verdict = judge(hypotheses, unexplained=doubt, search=searched(after[single.name]))
+    if verdict.named is None:
+        return verdict, nothing
+    name = verdict.named.name
+    if name not in after:
+        start = after[single.name].model if single.name in after and len(verdict.named.effects) == 2 else None
+        tell(f"refit with {name}")
+        after[name] = refitted(screened, train, verdict.named, effects, start=start, run=run)
+    return replace(verdict, named=after[name].hypothesis), after[name]
+
+
+def contenders(verdict: Verdict, most: int) -> list[Fitted]:
+    """Hypotheses worth a refit with the simulator: the named one, and what its class or the next best class leads with."""
+    found = [verdict.named]
+    for candidate in verdict.ranking:
+        if candidate.fitted is not None and candidate.probability > CONTENDER:
+            found += [h for h in (candidate.fitted, *candidate.others) if h.name not in {f.name for f in found}]
+    return found[:most]
+
+
+def _told(screened: Screened, data: Data, hypothesis: Fitted, effects: Sequence[Effect], run: Map, tell: Callable[[str], None]) -> Refitted:
+    tell(f"refit with {hypothesis.name}")
+    return refitted(screened, data, hypothesis, effects, run=run)
 
 
 def unexplained(screened: Screened, noise: float) -> float:
     """Doubt in 0..1 that the library holds the cause: the share of the misfit, beyond noise and numerics, that even the best leaves."""
     base, best = screened.windows.base.misfits.sum(), min(h.misfits.sum() for h in screened.hypotheses)
     residual = np.nanmean([np.nanmean(np.sum(e.residual**2, -1)) for e in screened.evidence])
-    known = 2 * noise**2 * 3 + 4 * np.mean([size(e) ** 2 for e in screened.evidence])  # the start errs about as much as what is observed
+    known = START_NOISE * 3 * noise**2 + NUMERICS * np.mean([size(e) ** 2 for e in screened.evidence])
     excess = max(0.0, 1 - known / max(residual, 1e-30))
     return float(np.clip(best / base, 0, 1) * excess)
 

@@ -45,7 +45,7 @@ def garment_recordings(tracks: Sequence[TrackedGeometry], names: Sequence[str]) 
     refuse([fault for track, name in zip(tracks, names, strict=True) for fault in _faults(track, tracks[0], name)])
     scenes = [tracked_scene(_whole(track), name=name) for track, name in zip(tracks, names, strict=True)]
     first = scenes[0].scene
-    settings = Settings(substeps=max(1, int(np.ceil(1 / (first.fps * LONGEST_STEP) - 1e-9))))
+    settings = Settings(substeps=max(1, int(np.ceil(1 / (first.fps * LONGEST_STEP) - 1e-9))), yield_collider=False)
     subject = Subject(first.cloth, scenes[0].fabric, first.collider, _zones(tracks[0], first), first.fps)
     recordings = tuple(_recording(track, s.scene) for track, s in zip(tracks, scenes, strict=True))
     return Garment(Model(subject, settings), recordings, scenes[0].chosen)

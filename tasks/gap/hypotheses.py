@@ -15,9 +15,10 @@ neighbouring vertices err together, and a cause that is right helps in window af
 Source: leave-one-out cross-validation (Stone 1974); Student's likelihood ratio (Kendall & Stuart, ch. 22). Limits: linear in θ.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 
 GAIN_SPREAD, GAIN_WINDOWS = 0.03, 2.0  # spread of gains known beforehand, and the number of windows that knowledge is worth
 NOISE_DOUBT = 0.1  # share of the stated noise variance that may be wrong: misfits below that are all alike
+NOWHERE: Mapping[str, float] = MappingProxyType({})
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
@@ -80,10 +82,10 @@ def student(gains: Array) -> float:
 
 
 class Windows:
-    """The windows' normal equations [W], start state and numerics integrated out."""
+    """The windows' normal equations [W], start state and numerics integrated out; linear about the strengths `origin` (column -> value, else 0)."""
 
-    def __init__(self, normals: Sequence[Normals], effects: Sequence[Effect]) -> None:
-        self.normals, self.effects = list(normals), list(effects)
+    def __init__(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float] = NOWHERE) -> None:
+        self.normals, self.effects, self.origin = list(normals), list(effects), dict(origin)
 
     def __len__(self) -> int:
         return len(self.normals)
@@ -92,13 +94,14 @@ class Windows:
     def overdispersion(self) -> Array:
         """s_w [W] ≥ 1: misfit per coordinate with every effect allowed."""
         θ, names = self._solve(self.effects, np.ones(len(self)), np.arange(len(self)))
-        return np.array([max(1.0, self._misfit(k, names, θ) / n.n) for k, n in enumerate(self.normals)])
+        return np.array([max(1.0, self._misfit(k, names, θ - self._origin(names)) / n.n) for k, n in enumerate(self.normals)])
 
     @cached_property
     def noise(self) -> Array:
         """What white noise explains of each misfit [W]: a little less than one per coordinate."""
         θ, names = self._solve(self.effects, 1 / self.overdispersion, np.arange(len(self)))
-        return np.array([(1 - NOISE_DOUBT) * min(n.n, self._misfit(k, names, θ)) for k, n in enumerate(self.normals)])
+        known = [self._misfit(k, names, θ - self._origin(names)) for k in range(len(self))]
+        return np.array([(1 - NOISE_DOUBT) * min(n.n, misfit) for n, misfit in zip(self.normals, known, strict=True)])
 
     @cached_property
     def base(self) -> Fitted:
@@ -109,40 +112,38 @@ class Windows:
         """Strengths from all windows, misfits of each from the others."""
         return self._fitted(tuple(effects))
 
-    def again(self, normals: Sequence[Normals], before: Fitted) -> Fitted:
-        """The hypothesis after a new simulation at its strengths: `normals` [W] are linear about those."""
-        there = Windows(normals, self.effects)
-        there.__dict__ |= {"overdispersion": self.overdispersion, "noise": self.noise}  # scores compare only under the same weights
-        return there._fitted(before.effects, about=before, against=self.base.misfits)
+    def about(self, normals: Sequence[Normals], origin: Mapping[str, float]) -> "Windows":
+        """The same windows after a new simulation at the strengths `origin`; gains still count from the base of this one."""
+        there = Windows(normals, self.effects, origin)
+        there.__dict__ |= {"overdispersion": self.overdispersion, "noise": self.noise, "base": self.base}
+        return there
 
-    def _fitted(self, effects: tuple[Effect, ...], *, about: Fitted | None = None, against: Array | None = None) -> Fitted:
+    def _fitted(self, effects: tuple[Effect, ...]) -> Fitted:
         everything, p = np.arange(len(self)), len(PARAMETERS)
         w = 1 / self.overdispersion
-        origin = np.zeros(p + sum(len(e.strengths) for e in effects))
-        if about is not None:
-            origin[p:] = list(about.strengths.values())
-        θ, names = self._solve(effects, w, everything, origin)
-        each = np.array([self._solve(effects, w, everything[everything != k], origin)[0] for k in everything]) if len(self) > 1 else θ[None]
+        θ, names = self._solve(effects, w, everything)
+        origin = self._origin(names)
+        each = np.array([self._solve(effects, w, everything[everything != k])[0] for k in everything]) if len(self) > 1 else θ[None]
         misfits = np.maximum([self._misfit(k, names, t - origin) - self.noise[k] for k, t in enumerate(each)], 1e-3 * self.noise)
-        against = self.base.misfits if against is None and effects else against
-        gains = np.zeros(len(self)) if against is None else np.log(against / misfits)
+        gains = np.log(self.base.misfits / misfits) if effects else np.zeros(len(self))
         # jackknife (Efron 1982): windows, not coordinates, are independent
         spread = each - each.mean(0)
         covariance = (len(self) - 1) / len(self) * spread.T @ spread
-        return Fitted(
-            effects, θ[:p], covariance[:p, :p], dict(zip(names[p:], θ[p:], strict=True)), covariance[p:, p:], misfits, each[:, p:], gains
-        )
+        strengths = dict(zip(names[p:], θ[p:], strict=True))
+        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:], misfits, each[:, p:], gains)
 
-    def _solve(self, effects: Sequence[Effect], weights: Array, which: Array, origin: Array | None = None) -> tuple[Array, list[str]]:
-        """θ [P] of base parameters and strengths within their ranges, and the columns' names; normals are linear about `origin` [P]."""
+    def _origin(self, names: Sequence[str]) -> Array:
+        return np.array([self.origin.get(name, 0.0) for name in names])
+
+    def _solve(self, effects: Sequence[Effect], weights: Array, which: Array) -> tuple[Array, list[str]]:
+        """θ [P] of base parameters and strengths within their ranges, and the columns' names."""
         columns = [(c, s) for e in effects for c, s in zip(e.columns, e.strengths, strict=True)]
         names = [*PARAMETERS, *(c for c, _ in columns)]
         precision = np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for _, s in columns])
         low = np.array([-np.inf] * len(PARAMETERS) + [s.low for _, s in columns])
         high = np.array([np.inf] * len(PARAMETERS) + [s.high for _, s in columns])
-        A, b = np.diag(precision), np.zeros(len(names))
-        origin = np.zeros(len(names)) if origin is None else origin
-        b -= precision * origin
+        origin = self._origin(names)
+        A, b = np.diag(precision), -precision * origin
         for k in which:
             n = self.normals[k]
             i = n.index(names)
@@ -151,6 +152,7 @@ class Windows:
         return origin + _bounded(A, b, low - origin, high - origin), names
 
     def _misfit(self, k: int, names: Sequence[str], θ: Array) -> float:
+        """rᵀC⁻¹r of window k after a step θ [P] from the origin."""
         n = self.normals[k]
         i = n.index(names)
         return float(n.c - 2 * n.g[i] @ θ + θ @ n.G[np.ix_(i, i)] @ θ)

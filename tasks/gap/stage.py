@@ -97,7 +97,7 @@ def _diagnosed(
 
 def _subject(garment: Garment, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, zone: np.ndarray, parameters: GapParameters):
     """The base model in the fabric that was fitted, and the recording of the garment."""
-    settings = Settings(substeps=max(1, int(np.ceil(100 / capture.fps))))
+    settings = Settings(substeps=max(1, int(np.ceil(100 / capture.fps))), yield_collider=False)
     scene = worn_scene(
         garment, body.vertices.astype(float), body.faces, tracking.uv_vertices.astype(float), fps=capture.fps, settings=settings
     )

@@ -95,7 +95,7 @@ def cloth_section(parameters: dict[str, dict[str, Any]], history: dict[str, list
         for name, e in found.items()
     ]
     steps = [
-        [garment, i, row["rms_mm"], row["kappa_s"], row["kappa_b"]] for garment, rows_ in history.items() for i, row in enumerate(rows_)
+        [garment, i, row.get("rms_mm"), row["kappa_s"], row["kappa_b"]] for garment, rows_ in history.items() for i, row in enumerate(rows_)
     ]
     tables = [
         Table(["garment", "parameter", "value", "low (90 %)", "high", "unit", ""], rows),

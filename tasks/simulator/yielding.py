@@ -49,14 +49,14 @@ def give_way(collider: Array, faces: Indices, *, cloth: Array, pins: Array, clea
     """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3]; faces [F, 3], clearance c [m]."""
     if not len(faces):
         return collider, Yielded(np.zeros(len(collider)))
-    normals = vertex_normals(collider, faces)
+    normals, e = vertex_normals(collider, faces), edges(faces)
     near = cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH
-    depth = pin_depth(collider, faces, pins, clearance)
+    depth = _ring_maximum(pin_depth(collider, faces, pins, clearance), e)
     for _ in range(PASSES):
         more = pinch_depth(draw_in(collider, normals, depth), faces, normals, np.flatnonzero(near), clearance)
         if not more.any():
             break
-        depth = np.minimum(depth + _ring_maximum(more, faces), MOST)
+        depth = np.minimum(depth + _ring_maximum(more, e), MOST)
     return draw_in(collider, normals, depth), Yielded(depth)
 
 
@@ -89,14 +89,14 @@ def pin_depth(collider: Array, faces: Indices, pins: Array, clearance: float) ->
         foot = closest_points(pins[i : i + 1], collider, faces)
         corners = faces[foot.face[0]]
         depth[corners] = np.maximum(depth[corners], clearance - σ[i])
-    return _ring_maximum(depth, faces)
+    return depth
 
 
-def _ring_maximum(depth: Array, faces: Indices) -> Array:
+def _ring_maximum(depth: Array, e: Indices) -> Array:
     """Each vertex takes half of the largest depth around it if that is more than its own, so that the drawn-in skin stays smooth."""
     out = depth.copy()
     if depth.any():
-        for a, b in (edges(faces).T, edges(faces).T[::-1]):
+        for a, b in (e.T, e.T[::-1]):
             np.maximum.at(out, a, 0.5 * depth[b])
     return out
 

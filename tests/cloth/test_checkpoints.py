@@ -5,6 +5,7 @@ import numpy as np
 from tasks.cloth.adam_fd import Descent
 from tasks.cloth.checkpoints import FrameFile, load_descent, load_fabric, save_descent, save_fabric
 from tasks.cloth.perseverance import persevere
+from tasks.cloth.scene import replay
 from tasks.simulator import Fabric
 from tests.cloth.test_gauss_newton import TRUTH, panel
 
@@ -33,3 +34,12 @@ def test_frames_come_back_once_and_for_the_same_fabric_only(tmp_path):
     memory.keep(TRUTH, frames)
     (tmp_path / "f.npz").write_bytes((tmp_path / "f.npz").read_bytes()[:999])
     assert memory.recall(TRUTH) == ()
+
+
+def test_a_replay_that_ended_leaves_no_frames_and_one_without_columns_gives_none(tmp_path):
+    scene, memory = panel(4, frames=4), FrameFile(tmp_path / "f.npz")
+    bare = replay(scene, TRUTH, memory=memory)
+    assert bare.complete and not (tmp_path / "f.npz").exists()
+    memory.keep(TRUTH, persevere(scene.drive, TRUTH, scene.settings).frames[:2])
+    whole = replay(scene, TRUTH, tangents=("log_bending",), memory=memory)
+    assert whole.complete and whole.reasons == () and len(whole.columns["log_bending"]) == 4

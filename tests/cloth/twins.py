@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tasks.cloth.scene import Scene
-from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
+from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings, simulate
+from tests.simulator.scenes import sheet
 
 FPS = 25.0
 NOISE = 1e-3
@@ -109,3 +110,34 @@ def resampled(x, fine, coarse):
     g = x.reshape(len(x), R, A, 3)
     corner = {(m, n): g[:, (i + m)[:, None], ((j + n) % A)[None, :]] for m in (0, 1) for n in (0, 1)}
     return ((1 - p) * ((1 - q) * corner[0, 0] + q * corner[0, 1]) + p * ((1 - q) * corner[1, 0] + q * corner[1, 1])).reshape(len(x), -1, 3)
+
+
+def handkerchief(seed: int, *, frames: int = 24, settings: Settings, fabric: Fabric, coarse: int = 12, fine: int = 16) -> Twin:
+    """A square of 0.1 m swung by its upper edge: small enough for the seed's range of bending to show on edges of 9 mm."""
+    rng = np.random.default_rng(seed)
+    R, shift = sway(frames + 1, rng)
+
+    def square(n: int):
+        x, faces = sheet(n, n, length=0.1, width=0.1)
+        return x[:, [2, 0, 1]] * [1, -1, 1], faces[:, ::-1], np.arange(n)
+
+    def simulated(n: int, s: Settings):
+        x, faces, held = square(n)
+        path = np.einsum("tij,nj->tni", R, x[held]) + shift[:, None]
+        empty = np.zeros((frames + 1, 0, 3))
+        walk = simulate(Cloth(x, faces, held), fabric, NO_COLLIDER, collider_motion=empty, boundary_motion=path, fps=FPS, settings=s)
+        return np.stack([f.x for f in walk])
+
+    x, faces, held = square(coarse)
+    rows = np.linspace(0, fine - 1, coarse)
+    i = np.minimum(rows.astype(int), fine - 2)
+    p = rows - i
+    along = np.zeros((coarse, fine))
+    along[np.arange(coarse), i], along[np.arange(coarse), i + 1] = 1 - p, p
+    made = simulated(fine, Settings(integrator=settings.integrator, substeps=2 * settings.substeps)).reshape(frames + 1, fine, fine, 3)
+    truth = np.einsum("ai,bj,tijc->tabc", along, along, made).reshape(frames + 1, -1, 3)
+    path = np.einsum("tij,nj->tni", R, x[held]) + shift[:, None]
+    observed = truth + NOISE * rng.standard_normal(truth.shape)
+    noise = np.full(observed.shape[:2], NOISE)
+    empty = np.zeros((frames + 1, 0, 3))
+    return Twin(Scene(Cloth(x, faces, held), NO_COLLIDER, empty, path, x, np.zeros_like(x), observed, noise, FPS, settings), fabric, truth)

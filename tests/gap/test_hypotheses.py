@@ -88,7 +88,7 @@ def test_a_steady_gain_weighs_more_than_the_same_gain_in_one_window():
 @pytest.mark.parametrize("seed", range(5))
 def test_the_planted_effect_is_named(seed):
     w = windows(np.random.default_rng(seed), truth={"contact_friction": 0.3})
-    verdict = judge(w, [w.fit([e]) for e in EFFECTS], unexplained=0.0)
+    verdict = judge([w.fit([e]) for e in EFFECTS], unexplained=0.0)
     assert verdict.kind == "effect" and verdict.classes == (("contact_friction",),)
     assert sum(c.probability for c in verdict.ranking) == pytest.approx(1)
 
@@ -96,23 +96,38 @@ def test_the_planted_effect_is_named(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_nothing_planted_is_none(seed):
     w = windows(np.random.default_rng(seed), truth={"log_bending": 0.3}, drift=0.5)
-    assert judge(w, [w.fit([e]) for e in EFFECTS], unexplained=0.0).kind == "none"
+    assert judge([w.fit([e]) for e in EFFECTS], unexplained=0.0).kind == "none"
 
 
 def test_effects_that_look_alike_form_a_class():
     w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0}, alike=[("air_normal_drag", "fabric_mass_damping")])
-    verdict = judge(w, [w.fit([e]) for e in EFFECTS], unexplained=0.0)
+    verdict = judge([w.fit([e]) for e in EFFECTS], unexplained=0.0)
     assert set(verdict.classes[0]) == {"air_normal_drag", "fabric_mass_damping"}
 
 
 def test_two_causes_are_named_together():
     w = windows(np.random.default_rng(8), truth={"air_normal_drag": 8.0, "contact_friction": 0.3})
     hypotheses = [w.fit([e]) for e in EFFECTS] + [w.fit([EFFECTS[0], e]) for e in EFFECTS[1:]]
-    verdict = judge(w, hypotheses, unexplained=0.0)
+    verdict = judge(hypotheses, unexplained=0.0)
     assert {e.name for e in verdict.named.effects} == {"air_normal_drag", "contact_friction"}
 
 
 def test_what_nothing_explains_is_outside_the_library():
     rng = np.random.default_rng(9)
     w = windows(rng, truth={}, drift=3.0)
-    assert judge(w, [w.fit([e]) for e in EFFECTS], unexplained=1.0).ranking[1].names == ("outside_library",)
+    assert judge([w.fit([e]) for e in EFFECTS], unexplained=1.0).kind == "outside_library"
+
+
+def test_normal_equations_about_a_strength_say_the_same():
+    rng = np.random.default_rng(11)
+    w = windows(rng, truth={"air_normal_drag": 6.0, "contact_friction": 0.2}, count=6)
+    there = []
+    for n in w.normals:
+        θ = np.zeros(len(n.names))
+        θ[n.names.index("air_normal_drag")] = 5.0
+        there.append(Normals(n.names, n.G, n.g - n.G @ θ, float(n.c - 2 * n.g @ θ + θ @ n.G @ θ), n.n))
+    about = w.about(there, {"air_normal_drag": 5.0})
+    for effects in ([EFFECTS[0]], [EFFECTS[0], EFFECTS[2]]):
+        here, again = w.fit(effects), about.fit(effects)
+        np.testing.assert_allclose(list(again.strengths.values()), list(here.strengths.values()), rtol=1e-6)
+        np.testing.assert_allclose(again.gains, here.gains, atol=1e-6)

@@ -19,7 +19,7 @@ from tests.real.sleeve_recording import DOWN, PAIRS, RATE, Run, arm_frame, in_ar
 TRAIN, TEST = (1, 2, 3), (4, 5)
 LEFT_OUT = (5, 9, 13)  # places that no fit sees: a middle one, one at the fold, the hem
 SPREAD, INSTANTS = 2.2e-3, 12.0  # σ [m] of a place between repeats, N
-HANG, RAISE, HOLD = 12, 24, 6  # frames before the recording begins
+HANG, RAISE, HOLD = 8, 20, 4  # frames before the recording begins
 PRIOR = {  # name: (start, standard deviation)
     "log_membrane": (0.0, 1.0),  # relative to the guessed jersey
     "log_bending": (0.0, 1.0),
@@ -59,7 +59,7 @@ class Swing:
     ending: str
 
 
-def swing(θ: dict[str, float], *, around: int = 8, along: int = 18, settings: Settings = SETTINGS, tangents: bool = True) -> Swing:
+def swing(θ: dict[str, float], *, around: int = 7, along: int = 15, settings: Settings = SETTINGS, tangents: bool = True) -> Swing:
     """Simulate the mean swing with these parameters."""
     run, garment = mean_arm(), sleeve(around=around, along=along)
     motion = _with_approach(run)

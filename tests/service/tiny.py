@@ -58,6 +58,8 @@ def capture(job: Job, parameters: CaptureParameters) -> Tiny:
 def cloth(job: Job, capture: Tiny, parameters: ClothParameters) -> Tiny:
     with (job.checkpoint / "computed").open("a") as log:
         log.write("once\n")
+    if capture.seconds == 0:  # tests of planning need artifacts, not solvers
+        return Tiny(values=capture.values * parameters.scale, seconds=0.0)
     (result,) = run_in_children(
         slowly, [(capture.seconds, parameters.scale)], limit_s=60, on_message=lambda i, m: job.progress(m, "solving")
     )

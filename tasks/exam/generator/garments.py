@@ -65,7 +65,7 @@ def cut(kind: str, rng: np.random.Generator) -> Cut:
         waist, slope = rng.uniform(0.115, 0.135), rng.uniform(0.3, 0.5)  # radius [m], radius gained per length
         return Cut(kind, _cone(waist, rng.uniform(0.32, 0.42), slope), "cone", "top")
     if kind == "cape":
-        neck, slope = rng.uniform(0.07, 0.08), rng.uniform(0.72, 0.82)
+        neck, slope = rng.uniform(0.09, 0.1), rng.uniform(0.5, 0.6)
         return Cut(kind, _cone(neck, rng.uniform(0.32, 0.4), slope), "cone", "top")
     if kind == "sleeve":
         radius = rng.uniform(0.075, 0.095)

@@ -56,12 +56,12 @@ def body_of(kind: str, rng: np.random.Generator) -> Body:
             return _body([[x, y, z]], [[x, y, z]], [r], [1])
         return _body([[-0.3, y, z]], [[0.3, y + u(-0.06, 0.06), z]], [r], [1])
     if kind == "cape":
-        x, y = u(0.12, 0.15), u(-0.14, -0.12)
-        # the cone (slope 0.77) falls by 0.64 where it widens by 0.77: shoulders end 8 mm below it
-        r = -((x - 0.075) * 0.64 + y * 0.77) - 0.008
+        x, y = u(0.1, 0.115), u(-0.15, -0.13)
+        # a cone of slope 0.55 falls by 0.835 where it widens by 0.55: shoulders end 8 mm below it
+        r = -((x - 0.095) * 0.835 + y * 0.55) - 0.008
         a = [[0, -0.05, 0], [-x, y, 0], [0, -0.2, 0], [-x, y, 0], [x, y, 0]]
         b = [[0, -0.15, 0], [x, y, 0], [0, -0.4, 0], [-x - 0.05, y - 0.3, 0], [x + 0.05, y - 0.3, 0]]
-        return _body(a, b, [0.052, r, u(0.09, 0.105), 0.8 * r, 0.8 * r], [0, 0, 0, 1, 2])
+        return _body(a, b, [0.07, r, u(0.09, 0.1), 0.7 * r, 0.7 * r], [0, 0, 0, 1, 2])
     r = u(0.042, 0.05)
     return _body([[-0.08, 0, 0], [0.27, 0, 0]], [[0.27, 0, 0], [0.62, 0, 0]], [r, 0.9 * r], [0, 1])
 

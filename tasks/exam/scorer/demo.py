@@ -33,14 +33,23 @@ def demo_scores(
     fabric: Mapping[str, Mapping[str, Mapping[str, Any]]],
     true_fabric: Mapping[str, Mapping[str, float]],
     psnr: Array,
+    planted: str,
+    verdict: Mapping[str, Any],
 ) -> dict[str, dict[str, Any]]:
-    """All figures of the report's section on the truth; pairs are (found, truth), `garment` marks each garment's vertices [V]."""
+    """All figures of the report's section on the truth; pairs are (found, truth), `garment` marks each garment's vertices [V].
+
+    planted: the effect that the garments were made with and the base model lacks; verdict: the diagnosis' answer.
+    """
     scores = {"mean joint error": {"value": mean_joint_error_mm(*joints), "unit": "mm"}}
     for name, of in garment.items():
         scores[f"{name}: tracked vertices, rms error"] = {"value": vertex_rmse_mm(*vertices, of=of), "unit": "mm"}
     for name, found in fabric.items():
         for parameter, true in true_fabric[name].items():
             scores[f"{name}: {parameter}, estimate/truth"] = {"value": ratio(found[parameter], true), "unit": "1"}
+    named = {n for names in verdict["verdict"]["class"] for n in names}
+    scores[f"planted {planted} is in the class named"] = {"value": float(planted in named), "unit": "1"}
+    believed = [row["probability"] for row in verdict["ranking"] if planted in row["class"]]
+    scores[f"probability given to {planted}"] = {"value": float(sum(believed)), "unit": "1"}
     if np.isfinite(psnr).any():
         scores["image likeness, mean PSNR"] = {"value": float(np.nanmean(psnr)), "unit": "dB"}
     return scores

@@ -1,0 +1,46 @@
+#!/usr/bin/env bash
+# One image per kind of worker: physavatar-vision, physavatar-simulation, physavatar-gpu. With docker where its daemon answers, else with
+# Debian's buildah (chroot isolation, no daemon) on a base that debootstrap makes. KINDS="vision" builds some; BASE=name@sha256:… pins the base.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
+kinds=${KINDS:-vision simulation gpu}
+
+arguments() {   # build arguments that are set in the environment
+    for name in BASE TORCH_INDEX; do
+        if [ -n "${!name+set}" ]; then printf -- '--build-arg\n%s=%s\n' "$name" "${!name}"; fi
+    done
+}
+
+local_base() {   # an image of Debian 12 from debootstrap, once
+    local image=localhost/physavatar-base:bookworm
+    if ! buildah inspect --type image "$image" >/dev/null 2>&1; then
+        local root
+        root=${ROOTFS:-$(mktemp -d)}
+        [ -e "$root/bin/sh" ] || debootstrap --variant=minbase --include=ca-certificates bookworm "$root" >&2
+        local container
+        container=$(buildah from scratch)
+        buildah add --quiet "$container" "$root" / >/dev/null
+        buildah commit --quiet --rm "$container" "$image" >/dev/null
+    fi
+    echo "$image"
+}
+
+if docker info >/dev/null 2>&1; then
+    build() { docker build --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" "${options[@]}" .; }
+    size() { docker image inspect --format '{{.Size}}' "physavatar-$1:$version"; }
+elif command -v buildah >/dev/null; then
+    export BUILDAH_ISOLATION=chroot STORAGE_DRIVER=${STORAGE_DRIVER:-vfs}
+    [ -n "${BASE+set}" ] || BASE=$(local_base)
+    build() { buildah build --format docker --network host --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" ${BUILDAH_OPTIONS:-} "${options[@]}" .; }
+    size() { buildah inspect --type image --format '{{.Size}}' "physavatar-$1:$version" 2>/dev/null || buildah images --format '{{.Size}}' "physavatar-$1:$version"; }
+else
+    echo "neither a docker daemon nor buildah: apt-get install buildah debootstrap" >&2
+    exit 2
+fi
+
+mapfile -t options < <(arguments)
+for kind in $kinds; do
+    build "$kind"
+    echo "physavatar-$kind:$version $(size "$kind")"
+done

@@ -1,0 +1,163 @@
+"""The account of a diagnosis: every figure that its report draws, as numbers, and as JSON beside the answer.
+
+Nothing here simulates: all follows from the windows' evidence.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.windows import Recording
+from tasks.gap.acceleration import effect_acceleration, residual_acceleration
+from tasks.gap.budget import Item, budget
+from tasks.gap.confusability import Confusability, confusability
+from tasks.gap.constancy import Constancy, by_speed, by_window, by_zone, speeds
+from tasks.gap.diagnosis import Diagnosis, Screened
+from tasks.gap.hypotheses import Fitted
+from tasks.gap.residual import rms_mm, weft_direction, where
+from tasks.gap.spectrum import Spectrum, spectrum
+from tasks.gap.stretches import Stretch, stretches
+from tasks.gap.zones import ZONES
+
+Array = NDArray[np.float64]
+
+COMPARED = 15  # effects whose signatures are compared
+RIVALS = 6  # effects whose constancy is shown beside the named one's
+
+
+@dataclass(frozen=True)
+class Splits:
+    """One zone's residual [mm] on the training windows: in all, and by direction name -> mm, before and after (None without a named effect)."""
+
+    zone: str
+    vertices: int
+    before: dict[str, float]
+    after: dict[str, float] | None
+
+
+@dataclass(frozen=True)
+class Account:
+    """All but the answer itself.
+
+    residual_mm, missing [V] and added [V] m/s² (by the named effect; None without one); constancy: grouping -> effect; rivals: effect ->
+    grouping; fields of `screened` are None or empty where nothing could be tested.
+    """
+
+    items: tuple[Item, ...]
+    residual_mm: Array
+    missing: Array
+    added: Array | None
+    splits: tuple[Splits, ...]
+    evidence: tuple[Evidence, ...]
+    stretches: tuple[Stretch, ...]
+    before: Spectrum | None
+    after: Spectrum | None
+    singles: tuple[Fitted, ...]
+    pairs: tuple[Fitted, ...]
+    confusability: Confusability | None
+    constancy: dict[str, dict[str, Constancy]]
+    rivals: dict[str, dict[str, Constancy]]
+
+
+def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequence[Recording] | None = None) -> Account:
+    """Of a diagnosis of `recordings`, with the recordings that were held out, if files were."""
+    residual = np.array([rms_mm(found.before[:, i]) for i in range(found.before.shape[1])])
+    s, named, fps = found.screened, found.verdict.named, found.base.subject.fps
+    if s is None:
+        return Account((), residual, found.vertex_accel, None, (), (), (), None, None, (), (), None, {}, {})
+    shown = stretches(found, recordings, held_out)
+    noise = float(np.median([np.median(r.noise) for r in recordings]))
+    singles = tuple(h for h in s.hypotheses if len(h.effects) == 1)
+    speed = speeds(s.evidence, fps)
+    return Account(
+        items=budget(s, named),
+        residual_mm=residual,
+        missing=residual_acceleration(s.evidence, fps),
+        added=effect_acceleration(s.evidence, named, fps) if named else None,
+        splits=_splits(found, s, named),
+        evidence=s.evidence,
+        stretches=shown,
+        before=spectrum([w.before for w in shown], fps, noise),
+        after=spectrum([w.after for w in shown], fps, noise) if named else None,
+        singles=singles,
+        pairs=tuple(h for h in s.hypotheses if len(h.effects) == 2),
+        confusability=confusability(s.windows, [h.effects[0] for h in singles[:COMPARED]]),
+        constancy=_constancy(s, named, speed, found.zone) if named else {},
+        rivals={h.name: {"window": by_window(s.windows, h)[h.name], "speed": by_speed(s.windows, h, speed)[h.name]} for h in singles[:RIVALS]},
+    )
+
+
+def _constancy(s: Screened, named: Fitted, speed: Array, zone: NDArray[np.str_]) -> dict[str, dict[str, Constancy]]:
+    return {"window": by_window(s.windows, named), "speed": by_speed(s.windows, named, speed), "zone": by_zone(s.evidence, named, zone)}
+
+
+def linear_rest(e: Evidence, named: Fitted) -> Array:
+    """What the named effects at their strengths and the base's corrections leave of a training window's residual [L, V, 3] m."""
+    columns = e.prediction.columns
+    steps = {**dict(zip(PARAMETERS, named.base, strict=True)), **named.strengths}
+    return e.residual - sum(x * columns[c] for c, x in steps.items())
+
+
+def _splits(found: Diagnosis, s: Screened, named: Fitted | None) -> tuple[Splits, ...]:
+    done = [e for e in s.evidence if e.prediction.complete]
+    before = np.concatenate([e.residual for e in done])
+    after = np.concatenate([linear_rest(e, named) for e in done]) if named else None
+    x = np.concatenate([e.prediction.x[1:] for e in done])
+    zones = [z for z in dict.fromkeys(found.zone.tolist()) if z != "pinned"]
+    free = np.flatnonzero(found.zone != "pinned")
+    inside = {"all": free} | {str(z): np.flatnonzero(found.zone == z) for z in zones}
+    cloth, fps = found.base.subject.cloth, found.base.subject.fps
+    weft = None if cloth.uv is None else weft_direction(x, cloth.faces, cloth.uv.reshape(-1, 2), np.arange(3 * len(cloth.faces)).reshape(-1, 3))
+
+    def along(r: Array, own: NDArray[np.int64]) -> dict[str, float]:
+        seen = np.zeros(r.shape[:2], bool)
+        seen[:, own] = True
+        index = np.where(found.zone == "pinned", ZONES.index("pinned"), 0).astype(np.int32)
+        told = where(x + r, x, seen=seen, noise_m=np.zeros(r.shape[:2]), zone=index, faces=cloth.faces, weft=weft, fps=fps)
+        return {"all": told.rms_mm, **told.by_direction}
+
+    return tuple(
+        Splits(name, len(own), along(before, own), along(after, own) if after is not None else None) for name, own in inside.items() if len(own)
+    )
+
+
+def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
+    """The account in plain JSON; None where a number is not finite."""
+    c = a.confusability
+    return _plain(
+        {
+            "budget": [asdict(item) for item in a.items],
+            "splits_mm": [asdict(s) for s in a.splits],
+            "missing_accel": a.missing,
+            "added_accel": a.added,
+            "training_windows": [_window(e) for e in a.evidence],
+            "compared_windows": [
+                {**asdict(w.window), "before_mm": w.before_mm, "after_mm": w.after_mm, "floor_mm": found.shrinkage.floor_mm} for w in a.stretches
+            ],
+            "spectra": {"before": a.before and asdict(a.before), "after": a.after and asdict(a.after)},
+            "evidence": [{"effects": [e.name for e in h.effects], "score": h.score, "gains": h.gains} for h in (*a.singles, *a.pairs)],
+            "confusability": c and {**asdict(c), "testable": c.testable},
+            "constancy": {grouping: {n: asdict(x) for n, x in own.items()} for grouping, own in a.constancy.items()},
+            "rivals": {name: {grouping: asdict(x) for grouping, x in own.items()} for name, own in a.rivals.items()},
+            "base_refit": {"history": found.screened.base.history, "ending": found.screened.base.ending} if found.screened else None,
+        }
+    )
+
+
+def _window(e: Evidence) -> dict[str, Any]:
+    misfit = rms_mm(e.residual) if e.residual is not None else None
+    return {**asdict(e.prediction.window), "ending": e.prediction.ending, "residual_mm": misfit}
+
+
+def _plain(x: Any) -> Any:
+    if isinstance(x, dict):
+        return {str(k): _plain(v) for k, v in x.items()}
+    if isinstance(x, (list, tuple, np.ndarray)):
+        return [_plain(v) for v in x]
+    if isinstance(x, (float, np.floating)):
+        return float(x) if np.isfinite(x) else None
+    return x.item() if isinstance(x, np.generic) else x

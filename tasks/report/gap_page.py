@@ -1,0 +1,174 @@
+"""The report of a diagnosis: one self-contained page for a reader who doubts it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tasks.gap.account import Account, Splits
+from tasks.gap.confusability import SHOWN
+from tasks.gap.diagnosis import Diagnosis
+from tasks.report import gap_figures as figures
+from tasks.report.page import Figure, Section, Table, page
+from tasks.report.pictures import figure_uri
+
+
+def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: str, subtitle: str, own: bool = True) -> str:
+    """HTML of the public answer, the diagnosis and its account; own: what was held out are ends of the same recordings, not files."""
+    sections = [_verdict(answer)]
+    if told.items:
+        sections += [
+            _budget(told),
+            _where(found, told),
+            _timeline(found, told, own=own),
+            _motion(told),
+            _ranking(found),
+            _confusability(told),
+            *([_constancy(told)] if told.constancy else []),
+            *([_kept(answer, found, told)] if told.stretches else []),
+        ]
+    return page(title, subtitle, answer["verdict"]["sentence"], [*sections, _next(answer)])
+
+
+def _plot(canvas: Any, caption: str) -> Figure:
+    return Figure(figure_uri(canvas), caption, plot=True)
+
+
+def _verdict(answer: dict[str, Any]) -> Section:
+    gap, v = answer["gap"], answer["verdict"]
+    rows = [
+        ["verdict", v["kind"].replace("_", " ")],
+        ["probability", v["probability"]],
+        ["names that hold 90 % of it", ", ".join(answer["answer_set_90"])],
+        ["gap before [mm]", gap["before_mm"]],
+        ["gap after [mm]", gap["after_mm"]],
+        ["floor [mm]", gap["floor_mm"]],
+        ["closed of what can be closed", _interval(gap["closed_fraction"], gap["low"], gap["high"])],
+        ["measured on", "motion kept out of the fit" if gap["held_out"] else "the training windows"],
+    ]
+    strengths = [
+        [name, s["value"], s["low"], s["high"], s["unit"], row["probability"]]
+        for row in answer["ranking"][:6]
+        for name, s in row["strength"].items()
+    ]
+    fabric = [[name, p["value"], p["low"], p["high"], p["unit"]] for name, p in answer["parameters"].items()]
+    tables = [Table(["", ""], rows)]
+    tables += [Table(["effect, leader of its class", "strength", "low (90 %)", "high", "unit", "probability of the class"], strengths)] if strengths else []
+    tables += [Table(["base parameter", "value", "low (90 %)", "high", "unit"], fabric)] if fabric else []
+    return Section("Verdict", tables=tables)
+
+
+def _interval(value: float | None, low: float | None, high: float | None) -> str | None:
+    return None if value is None else f"{value:.0%}, 90 % interval {low:.0%} to {high:.0%}"
+
+
+def _budget(told: Account) -> Section:
+    several = sum(i.part == "effect" for i in told.items) > 1
+    caption = "What each step takes from the misfit, judged on windows that it was not fitted on." + (
+        " Compound causes share by their Shapley values." if several else ""
+    )
+    words = ["Unexplained is what stays above white noise when everything named is in: if it is large beside the named bars, doubt the name."]
+    return Section("Gap budget", words, figures=[_plot(figures.waterfall(told.items), caption)])
+
+
+def _where(found: Diagnosis, told: Account) -> Section:
+    cloth = found.base.subject.cloth
+    shown = {"residual": (told.residual_mm, "rms mm"), "missing acceleration": (told.missing, "rms m/s²")}
+    if told.added is not None:
+        shown["added by the named effect"] = (told.added, "rms m/s²")
+    x = told.evidence[0].prediction.x[0]
+    caption = "Residual of the compared windows before the effect; acceleration that would close the training windows' residual; grey: not seen."
+    rows = [_split_row(s) for s in told.splits]
+    names = list(told.splits[0].before)
+    columns = ["zone", "vertices", *(f"{'' if n == 'all' else n + ' '}rms mm" for n in names)]
+    words = [
+        "The table is of the training windows, what the start state explains taken out; “→” leads to what is left with the named effect at its strength "
+        "(linear). Normal, warp and weft are directions of the cloth."
+    ]
+    picture = _plot(figures.maps(x, cloth.faces, cloth.uv, shown), caption)
+    return Section("Where the gap lies", words, [Table(columns, rows)], [picture])
+
+
+def _split_row(s: Splits) -> list[Any]:
+    after = s.after or {}
+    return [s.zone, s.vertices, *(f"{mm:.2f} → {after[n]:.2f}" if n in after else float(mm) for n, mm in s.before.items())]
+
+
+def _timeline(found: Diagnosis, told: Account, *, own: bool) -> Section:
+    training = [
+        (e.prediction.window.recording, e.prediction.window.start, 1e3 * np.sqrt(np.nanmean(np.sum(e.residual**2, -1), 1)))
+        for e in told.evidence
+        if e.residual is not None
+    ]
+    gap, fps = found.shrinkage, found.base.subject.fps
+    canvas = figures.timeline(training, told.stretches, own=own, held=gap.held_out, fps=fps, floor_mm=gap.floor_mm)
+    caption = "Error of every frame. Blue ground: windows of the fit, before any effect. Amber: windows kept out of it. Every window starts from its own state."
+    return Section("When", figures=[_plot(canvas, caption)])
+
+
+def _motion(told: Account) -> Section:
+    drawn = []
+    if told.before is not None:
+        caption = "The residual within the compared windows: the offset of each, and what moves. Slower than a window cannot be told from an offset."
+        drawn.append(_plot(figures.spectra(told.before, told.after), caption))
+    directions = {k: v for k, v in told.splits[0].before.items() if k != "all"}
+    after = told.splits[0].after and {k: told.splits[0].after[k] for k in directions}
+    drawn.append(_plot(figures.split_bars(directions, after), "The residual of the training windows along the cloth's own directions."))
+    return Section("Frequencies and directions", figures=drawn)
+
+
+def _ranking(found: Diagnosis) -> Section:
+    caption = (
+        "Score of every hypothesis in the order of its probability. A box holds effects that this recording cannot tell apart. Without a bar: "
+        "“none”, which is the zero of the scale, and “outside library”."
+    )
+    return Section("Evidence", figures=[_plot(figures.evidence(found.verdict.ranking), caption)])
+
+
+def _confusability(told: Account) -> Section:
+    c = told.confusability
+    words = [
+        f"Signatures are whitened; start state, discretisation and base parameters are taken out. Below {SHOWN:g} σ an effect of typical strength would "
+        "not show: nothing is said about it, not that it is absent."
+    ]
+    caption = "Near ±1: only another motion can tell the two apart."
+    return Section("What this recording can tell apart", words, figures=[_plot(figures.confusability_matrix(c), caption)])
+
+
+def _constancy(told: Account) -> Section:
+    rows = []
+    for name, own in told.rivals.items():
+        w, s = own["window"], own["speed"]
+        rows.append([name, w.scatter, s.scatter, *(float(m) for m in s.multiples)])
+    speeds = next(iter(told.rivals.values()))["speed"].places
+    table = Table(["effect alone", "scatter by window √(Q/dof)", "by speed", *(f"multiple, {p}" for p in speeds)], rows) if rows and _same(told) else None
+    words = [
+        "A right name has one strength everywhere; a wrong one drifts. Model error makes Q larger than its degrees of freedom for every name: "
+        "the name whose scatter is least is the most constant."
+    ]
+    caption = "The multiple of the strength found that each part of the recording asks for, with 90 % intervals."
+    return Section("Is the strength a constant?", words, [table] if table else [], [_plot(figures.constancy(told.constancy), caption)])
+
+
+def _same(told: Account) -> bool:
+    """Whether all rivals were found at the same speeds."""
+    return len({own["speed"].places for own in told.rivals.values()}) == 1
+
+
+def _kept(answer: dict[str, Any], found: Diagnosis, told: Account) -> Section:
+    held = answer["gap"]["held_out"]
+    words = [] if held else ["No window could be kept out of the fit: these are the training windows, and the figures flatter."]
+    caption = "Error of each window with the refitted base and with the named effect, beside the floor."
+    if found.verdict.named is None:
+        caption = "Error of each window with the refitted base, beside the floor; no effect is named, so after is as before."
+    heading = "On motion kept out of the fit" if held else "Before and after"
+    return Section(heading, words, figures=[_plot(figures.kept_out(told.stretches, found.shrinkage.floor_mm), caption)])
+
+
+def _next(answer: dict[str, Any]) -> Section:
+    return Section("Record this next", [f"{answer['record_next'][0].upper()}{answer['record_next'][1:]}."])
+
+
+def subtitle(names: Sequence[str], answer: dict[str, Any]) -> str:
+    """What was diagnosed, and how long it took."""
+    return f"{', '.join(names)} · diagnosed in {answer['seconds']:.0f} s"

@@ -1,0 +1,137 @@
+"""The diagnosis: signatures, nulls, planted effects, effects taken out of the library, and what it costs.
+
+    python -m tests.benchmarks.gap        QUICK=1: a tenth        JSON=1: JSON on stdout        GAP_CASES=folder: where cases are kept and resumed
+
+Recordings come from the exam's generator: another mesh, integrator, material form and another implementation of every effect. Every case is
+checkpointed: a run that was interrupted goes on where it was.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from flows.exam import Folder, diagnose, generate, mark
+from tasks.exam.generator.causes import LIBRARY
+from tasks.exam.generator.scenes import MOTIONS
+from tasks.exam.generator.strata import NULLS, Question, admissible
+
+QUICK = bool(os.environ.get("QUICK"))
+CASES = Path(os.environ.get("GAP_CASES", "~/.cache/physavatar/bench-gap")).expanduser()
+SEED = 20261121
+Row = tuple[str, float, str, bool]
+
+
+def main() -> None:
+    """Measure and print metric | value | target | holds."""
+    rows = []
+    for part in (signatures, same_mesh_nulls, nulls, planted, removed):
+        for row in part():
+            rows.append(row)
+            if not os.environ.get("JSON"):
+                sys.stdout.write("{} | {:.4g} | {} | {}\n".format(*row[:3], "yes" if row[3] else "NO"))
+                sys.stdout.flush()
+    if os.environ.get("JSON"):
+        table = [{"metric": m, "value": float(v), "target": t, "holds": bool(h)} for m, v, t, h in rows]
+        sys.stdout.write(json.dumps(table, indent=1) + "\n")
+
+
+def signatures() -> Iterator[Row]:
+    """Tangents of the whole motion against central differences, the worst effect."""
+    from tasks.effects.library import library, suspects
+    from tests.effects.signatures import error
+
+    effects = suspects(library().values())
+    for effect in effects[:: 10 if QUICK else 1]:
+        worst, allowed = error(effect), 1e-3 if effect.kind == "state" else 1e-4
+        yield f"signature of {effect.name} against differences", worst, f"<= {allowed:g}", worst <= allowed
+
+
+def same_mesh_nulls() -> Iterator[Row]:
+    """χ² per coordinate of twins on the same mesh, base refitted, start states marginalised."""
+    from tests.gap.twins import null_misfit
+
+    found = [null_misfit(seed) for seed in range(2 if QUICK else 20)]
+    mean = float(np.mean(found))
+    yield f"null twins on the same mesh, {len(found)}: mean χ²/N", mean, "0.9..1.1", 0.9 <= mean <= 1.1
+
+
+def nulls() -> Iterator[Row]:
+    """Recordings of another mesh, step and material form in which nothing is missing."""
+    count = 3 if QUICK else 30
+    rows = _sat("null", [_question(k, "null", {}, twist=NULLS[k % len(NULLS)]) for k in range(count)])
+    names = sum(row["kind"] == "effect" for row in rows)
+    yield f"nulls on another mesh, {len(rows)}: names given", names, "<= 1", names <= 1
+
+
+def planted() -> Iterator[Row]:
+    """Every effect planted alone, four times the floor, on another mesh."""
+    each, names = (1, sorted(LIBRARY)[::10]) if QUICK else (3, sorted(LIBRARY))
+    asked = [_question(k * 10 + i, "single", {name: 4.0}) for k, name in enumerate(names) for i in range(each)]
+    rows = _sat("planted", asked)
+    hits = {name: [row["credit"] for row in rows if row["causes"] == [name] and row["multiple"] >= 2] for name in names}
+    scored = {name: float(np.mean(h)) for name, h in hits.items() if h}
+    macro = float(np.mean(list(scored.values()))) if scored else np.nan
+    yield f"planted effects, {len(scored)} names: named within their class, macro-average", macro, ">= 0.80", macro >= 0.8
+    for name, value in sorted(scored.items(), key=lambda pair: pair[1]):
+        if value < 0.5:
+            yield f"    below 0.5: {name}", value, "-", True
+    closed = [row["closed_fraction"] for row in rows if row.get("closed_fraction") is not None]
+    median = float(np.median(closed)) if closed else np.nan
+    yield "closed fraction on a motion predicted blind, median", median, ">= 0.7", median >= 0.7
+    seconds = float(np.median([row["seconds"] for row in rows])) if rows else np.nan
+    yield "seconds of a diagnosis of a statistical case, median", seconds, "<= 90", seconds <= 90
+
+
+def removed() -> Iterator[Row]:
+    """The planted effect, and all that count as its class, taken out of the library: nobody may be blamed with confidence."""
+    names = sorted(LIBRARY)[:: 15 if QUICK else 3]
+    rows = _sat("removed", [_question(k, "outside", {name: 4.0}, withheld=name) for k, name in enumerate(names)])
+    wrong = float(np.mean([row["kind"] == "effect" and row["probability"] >= 0.5 for row in rows])) if rows else np.nan
+    yield f"effect removed from the library, {len(rows)}: confident wrong names", wrong, "<= 0.10", wrong <= 0.1
+
+
+def _question(number: int, stratum: str, causes: dict[str, float], *, withheld: str | None = None, twist: str = "") -> Question:
+    kinds = sorted(MOTIONS)
+    kind = kinds[number % len(kinds)]
+    motions = tuple(np.random.default_rng([SEED, number]).permutation(list(MOTIONS[kind]))[:3])
+    return Question(number, stratum, causes, withheld, twist, kind, motions, (SEED, number))
+
+
+def _sat(name: str, asked: list[Question]) -> list[dict]:
+    """Make, diagnose and mark; cases that cannot be made are left out."""
+    folder, rows = Folder(CASES / name), []
+    for question in asked:
+        for number, _ in generate(folder, [question]):
+            if not folder.made(number):
+                continue
+            start = time.perf_counter()
+            diagnose(folder, number)
+            answer = json.loads((folder.answer(number) / "answer.json").read_text())
+            if answer is None:
+                rows.append({"kind": "failed", "probability": 0.0, "credit": 0.0, "causes": sorted(question.causes), "multiple": 0.0, "seconds": time.perf_counter() - start})
+                continue
+            truth = folder.truth(number)
+            named = {n for c in answer["verdict"]["class"] for n in c}
+            right = set().union(*(admissible(c) for c in question.causes)) if question.causes else set()
+            hit = set(question.causes) <= named and len(named) <= 4
+            rows.append(
+                mark(folder, number)
+                | {
+                    "kind": answer["verdict"]["kind"],
+                    "probability": answer["verdict"]["probability"] or 0.0,
+                    "credit": 1 / (1 + len(named - right)) if hit else 0.0,
+                    "causes": sorted(question.causes),
+                    "multiple": truth["multiple"],
+                    "seconds": answer["seconds"],
+                }
+            )
+    return rows
+
+
+if __name__ == "__main__":
+    main()

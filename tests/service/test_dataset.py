@@ -1,0 +1,158 @@
+"""Planning a dataset against the store: finished, new, changed and refused, without a server."""
+
+import asyncio
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from flows.dataset import DatasetParameters, counts, find_sequences, mark_finished, plan_dataset
+from flows.service import campaign
+from flows.service.campaign import Campaign, over_quota, run_campaign
+from flows.service.dispatch import WorkFailed
+from storage_schemas.store import Store
+from tests.service import tiny
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv("PHYSAVATAR_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("TINY_STORE", str(tmp_path / "store"))
+    monkeypatch.setenv("TINY_DATA", str(tmp_path / "data"))
+    for actor, sequence in (("ann", "one"), ("ann", "two"), ("bob", "one")):
+        tiny.recording(tmp_path / "data", actor, sequence, "0.0")
+    return tmp_path
+
+
+def request_of(at, settings=None):
+    settings = settings or tiny.load()
+    return tiny.SERVICE.request(at, settings, Store(settings.store))
+
+
+def compute(at) -> None:
+    request, store = request_of(at), Store(tiny.load().store)
+
+    def bring(stage, inputs, done):
+        return stage.run(store, at.actor, at.sequence, inputs, request.parameters(stage, done, store), recording=at.recording).ref
+
+    mark_finished(request, store, request.line.walk("cloth", bring))
+
+
+def standings(settings=None) -> dict[str, str]:
+    found = plan_dataset(find_sequences(tiny.load().data), lambda at: request_of(at, settings), Store(tiny.load().store))
+    return {f"{s.actor}/{s.sequence}": s.state for s in found}
+
+
+def first():
+    return next(find_sequences(tiny.load().data))
+
+
+def test_sequences_are_found_and_truths_are_not(place):
+    (place / "data" / "ann.truth" / "one").mkdir(parents=True)
+    (place / "data" / ".hidden" / "one").mkdir(parents=True)
+    assert [(s.actor, s.sequence) for s in find_sequences(place / "data")] == [("ann", "one"), ("ann", "two"), ("bob", "one")]
+    assert list(find_sequences(place / "nowhere")) == []
+
+
+def test_what_is_computed_is_finished_with_and_without_its_mark(place):
+    compute(first())
+    assert standings() == {"ann/one": "finished", "ann/two": "new", "bob/one": "new"}
+    for mark in (place / "store/.finished").rglob("*.json"):
+        mark.unlink()
+    assert standings()["ann/one"] == "finished"
+    assert list((place / "store/.finished").rglob("*.json")) != []
+
+
+@pytest.mark.parametrize("harm", ["missing", "other"])
+def test_a_mark_does_not_hide_a_damaged_artifact(place, harm):
+    compute(first())
+    manifest = next((place / "store/ann/one/cloth").glob("*/manifest.json"))
+    manifest.unlink() if harm == "missing" else manifest.write_text("{}")
+    assert standings()["ann/one"] == "changed"
+
+
+def test_a_changed_recording_or_setting_is_changed(place):
+    compute(first())
+    settings = tiny.load().model_copy(update={"cloth": tiny.ClothParameters(scale=2.0)})
+    assert standings(settings)["ann/one"] == "changed"
+    text = place / "data/ann/one/text"
+    text.write_text(text.read_text() + " again")
+    assert standings()["ann/one"] == "changed"
+    assert counts(plan_dataset([first()], request_of, Store(tiny.load().store))) == {"changed": 1}
+
+
+def test_a_name_that_could_leave_its_folder_is_refused_and_others_go_on(place):
+    (place / "data" / "-rf").mkdir()
+    (place / "data" / "-rf" / "one").mkdir()
+    found = standings()
+    assert found["-rf/one"] == "refused"
+    assert found["ann/one"] == "new"
+
+
+def run(monkeypatch, dispatched, **wishes) -> Campaign:
+    """A campaign whose dispatch is `dispatched(work)`, in this process."""
+
+    async def dispatch(work):
+        return await dispatched(work)
+
+    async def unseen(*_, **__):
+        await asyncio.sleep(0)
+
+    monkeypatch.setattr(campaign, "dispatch", dispatch)
+    monkeypatch.setattr(campaign, "_keep_shown", unseen)
+    monkeypatch.setattr(campaign, "_show_table", unseen)
+    settings = tiny.load()
+    settings = settings.model_copy(update={"dataset": settings.dataset.model_copy(update=wishes)})
+    return asyncio.run(run_campaign(tiny.SERVICE, settings, find_sequences(settings.data)))
+
+
+async def sound(work) -> None:
+    compute(next(s for s in find_sequences(tiny.load().data) if f"{s.actor} {s.sequence}" == work.name))
+
+
+def test_only_what_is_left_is_submitted_and_no_more_than_in_flight(place, monkeypatch):
+    compute(first())
+    under_way, most, asked = 0, 0, []
+
+    async def counted(work):
+        nonlocal under_way, most
+        under_way += 1
+        most = max(most, under_way)
+        asked.append(work.name)
+        await asyncio.sleep(0.05)
+        await sound(work)
+        under_way -= 1
+
+    ended = run(monkeypatch, counted, in_flight=1)
+    assert sorted(asked) == ["ann two", "bob one"]
+    assert most == 1
+    assert ended.counts() == {"completed": 2, "finished": 1}
+    assert run(monkeypatch, counted).counts() == {"finished": 3}
+
+
+def test_it_goes_on_past_a_failure_and_ends_failed(place, monkeypatch):
+    async def ann_one_fails(work):
+        if work.name == "ann one":
+            raise WorkFailed("ann one: cloth: no memory")
+        await sound(work)
+
+    with pytest.raises(WorkFailed, match=r"1 of 3 sequences failed; the first: ann one: ann one: cloth: no memory"):
+        run(monkeypatch, ann_one_fails)
+    kept = json.loads(next((place / "store/.datasets").glob("*.json")).read_text())
+    assert kept["state"] == "failed"
+    assert kept["counts"] == {"completed": 2, "failed": 1}
+
+
+def test_over_quota_nothing_more_is_submitted(place, monkeypatch):
+    ended = run(monkeypatch, sound, keep_free_gb=1e9)
+    assert ended.counts() == {"over quota": 3}
+    assert ended.state == "over quota"
+
+
+def test_quotas_say_what_is_used(place):
+    store = Store(tiny.load().store)
+    assert over_quota(Campaign(Path(os.environ["TINY_STORE"]), gpu_seconds=7200.0), DatasetParameters(gpu_hours=2.0), store) is not None
+    assert over_quota(Campaign(store.root, gpu_seconds=7199.0), DatasetParameters(gpu_hours=2.0, keep_free_gb=0.0), store) is None
+    compute(first())
+    assert "store holds" in over_quota(Campaign(store.root), DatasetParameters(store_gb=1e-9, keep_free_gb=0.0), store)

@@ -1,0 +1,94 @@
+"""What outlived its run or its supervisor is found and ended; what is at work is left alone. Real processes."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from flows.service.leftovers import RUN_ID, end_orphans, processes
+from flows.service.supervisor import MARK, Supervisor, end_marked
+
+SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
+ENGINE = [sys.executable, "-c", "import time; time.sleep(60)", "prefect.engine"]
+
+
+@pytest.fixture
+def start():
+    started = []
+
+    def go(command: list[str], **environment: str) -> subprocess.Popen:
+        started.append(subprocess.Popen(command, env={**os.environ, **environment}))
+        until = time.monotonic() + 20
+        while not Path(f"/proc/{started[-1].pid}/environ").read_text() and time.monotonic() < until:
+            time.sleep(0.05)
+        return started[-1]
+
+    yield go
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def ended(process: subprocess.Popen, seconds: float = 10.0) -> bool:
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
+def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start):
+    orphan = start(SLEEP, **{RUN_ID: "gone"})
+    engine, solver = start(ENGINE, **{RUN_ID: "here"}), start(SLEEP, **{RUN_ID: "here"})
+    stranger = start(SLEEP)
+    assert orphan.pid in end_orphans()
+    assert ended(orphan)
+    assert engine.poll() is solver.poll() is stranger.poll() is None
+    assert {p.pid: p.is_engine for p in processes() if p.run == "here"} == {engine.pid: True, solver.pid: False}
+
+
+def test_a_stopped_orphan_is_ended_too(start):
+    orphan = start(SLEEP, **{RUN_ID: "gone"})
+    orphan.send_signal(19)  # SIGSTOP
+    end_orphans()
+    assert ended(orphan)
+
+
+def test_what_dies_is_started_again_and_all_ends_together(tmp_path):
+    told: list[str] = []
+    supervisor = Supervisor(tmp_path, os.environ, told.append)
+    supervisor.keep("worker", SLEEP)
+    first = supervisor.kept["worker"].process
+    first.kill()
+    first.wait()
+    supervisor.look()
+    second = supervisor.kept["worker"].process
+    assert second.pid != first.pid
+    assert second.poll() is None
+    assert "code -9" in told[0]
+    supervisor.end()
+    assert second.poll() is not None
+
+
+def test_what_dies_at_once_is_not_started_in_a_hurry(tmp_path):
+    supervisor = Supervisor(tmp_path, os.environ, lambda text: None)
+    supervisor.keep("broken", [sys.executable, "-c", "raise SystemExit(3)"])
+    starts = 0
+    until = time.monotonic() + 1.5
+    while time.monotonic() < until:
+        before = supervisor.kept["broken"].started
+        supervisor.look()
+        starts += supervisor.kept["broken"].started != before
+        time.sleep(0.02)
+    supervisor.end()
+    assert 1 <= starts <= 2
+
+
+def test_what_a_killed_supervisor_left_is_found_by_its_mark(tmp_path, start):
+    left, other = start(SLEEP, **{MARK: str(tmp_path)}), start(SLEEP, **{MARK: f"{tmp_path}-other"})
+    assert end_marked(tmp_path) == [left.pid]
+    assert ended(left)
+    assert other.poll() is None
