@@ -1,6 +1,7 @@
 """`physavatar up`: the whole service on this machine, in one command; `worker` and `deploy`: its parts on several."""
 
 import sys
+from threading import Thread
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -44,7 +45,7 @@ def up(
             if demo:
                 from flows.service.demonstration import demonstrate
 
-                demonstrate(supervisor.home, tell)
+                Thread(target=demonstrate, args=(supervisor.home, tell), daemon=True).start()
             stay(supervisor)
     except KeyboardInterrupt:
         tell("ended")

@@ -200,11 +200,16 @@ def sit(exam: Exam, *, scoreboard: Path = SCOREBOARD, say: Callable[[str], None]
 
 
 def pooled(scoreboard: Path, of: str) -> list[Row]:
-    """Rows of all attempts of a version; a case that was tried again, from its checkpoint or anew, counts as often as it was tried."""
+    """Rows of all attempts of a version, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
     if not scoreboard.exists():
         return []
     attempts = [json.loads(line) for line in scoreboard.read_text().splitlines()]
-    return [row for attempt in attempts if attempt["version"] == of for row in attempt["cases"]]
+    first: dict[tuple, Row] = {}
+    for attempt in attempts:
+        if attempt["version"] == of:
+            for row in attempt["cases"]:
+                first.setdefault((attempt["seed"], attempt["count"], row["number"]), row)
+    return list(first.values())
 
 
 def _result(split: Split, of: str | None, rows: list[Row], left_out: list[int]) -> Row:

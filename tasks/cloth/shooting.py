@@ -3,8 +3,9 @@
     minimise over θ = (log κ_s, log κ_b)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w),    C_w = R + S_z P S_zᵀ
 
 The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
-Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only. P = diag(σ_x², σ_v²) is estimated from the data by the marginal
-likelihood. Levenberg damping; a step is kept when it lowers the misfit of the windows that were followed before and after.
+Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only.
+P = diag(σ_x², σ_v²) is estimated from the data by the marginal likelihood. Levenberg damping; a step is kept when it lowers the loss over the
+windows that were followed before and after.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -14,22 +14,18 @@ from storage_schemas.tracking import Tracking
 from tasks.capture.tracked_geometry import read_tracked_geometry
 from tasks.child_process import Pool
 from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
-from tasks.cloth.boundary import fastened_nodes
 from tasks.cloth.checkpoints import FrameFile, load_descent, load_fabric, save_descent, save_fabric
-from tasks.cloth.collider import fitted_collider
-from tasks.cloth.driven_motion import quieted
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments
 from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
-from tasks.cloth.rest_shape import pattern
 from tasks.cloth.scene import Scene, replay
-from tasks.cloth.start import start_velocity
 from tasks.cloth.tracked_scene import tracked_scene
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
+from tasks.cloth.worn_scene import worn_scene
 from tasks.geometry.faults import BadInput, Fault
-from tasks.simulator import Cloth, Collider, Fabric, Settings
+from tasks.simulator import Fabric, Settings
 from tasks.skinning.linear_blend import repose
 from tasks.stage import Folder, Job, Parameters, stage
 
@@ -132,30 +128,21 @@ def _garments(tracking: Tracking) -> list[Garment]:
 
 def _scene(garment: Garment, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> Scene:
     frames = slice(0, parameters.frames + 1)
-    observed, person = garment.observed[frames], body.vertices[frames].astype(float)
-    fastening = fastened_nodes(observed, garment.faces, person, body.faces)
-    driven = quieted(observed[:, fastening.nodes], float(np.median(garment.noise_m[frames])))
-    if parameters.boundary == "skinned":
-        own = garment.index[fastening.nodes]
-        driven = repose(
-            skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float)
-        )
-    collider = fitted_collider(person, body.faces, observed, garment.faces, fastened=fastening.nodes)
-    x0 = observed[0]
-    uv = pattern(x0, garment.faces, tracking.uv_vertices.astype(float), garment.uv_faces) if parameters.rest == "pattern" else None
-    return Scene(
-        cloth=Cloth(x0, garment.faces, fastening.nodes, uv=uv, rest_angles="worn" if uv is None else "flat"),
-        collider=Collider(collider.faces),
-        collider_motion=collider.motion,
-        boundary_motion=driven + (x0[fastening.nodes] - driven[0]),
-        x0=x0,
-        v0=start_velocity(observed, capture.fps),
-        observed=np.where(garment.seen[frames, :, None], observed, np.nan),
-        noise_m=garment.noise_m[frames],
+    scene = worn_scene(
+        replace(garment, observed=garment.observed[frames], seen=garment.seen[frames], noise_m=garment.noise_m[frames]),
+        body.vertices[frames].astype(float),
+        body.faces,
+        tracking.uv_vertices.astype(float),
         fps=capture.fps,
+        rest=parameters.rest,
         settings=Settings(substeps=parameters.substeps),
         patience=Patience(parameters.attempts, parameters.frame_s),
     )
+    if parameters.boundary == "tracked":
+        return scene
+    own = garment.index[scene.cloth.boundary]
+    carried = repose(skinning.rest_vertices[own].astype(float), skinning.weights[own].astype(float), body.transforms[frames].astype(float))
+    return replace(scene, boundary_motion=carried + (scene.x0[scene.cloth.boundary] - carried[0]))
 
 
 Fitted = tuple[Scene, Fit, dict[str, Any]]

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Progress, fit, loss, moved, rms_mm
+from tasks.cloth.numerics import corrected, finer_offset
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, with_fabric, without_state
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import Normals, Recording, marginalised, predict, windows
+from tasks.cloth.windows import Recording, predict, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
-from tasks.effects.numerics_mesh import EFFECT as MESH
 from tasks.simulator import Fabric
 from tasks.simulator.newton import CONVERGED
 
@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 
 FOLLOWED = 3.0  # standard deviations of the noise: a replay that stays this near is not chaotic, and is fitted as a whole
 NUMERIC_STEPS = 3
-SPREAD = 1.0  # standard deviation of the coefficient of d
 MODES = 8  # of the start state, times three directions, times place and velocity
 
 
@@ -80,25 +79,8 @@ def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, N
 
 def _finer(job: Job) -> Array | None:
     """x(finer) − x [L, V, 3] m of a window; None where either fails."""
-    settings = replace(job.model.settings, substeps=2 * job.model.settings.substeps)
-    strengths = {**job.model.strengths, MESH.name: np.ones(1)}
-    runs = [
-        predict(model, job.recording, job.window, job.states)
-        for model in (job.model, replace(job.model, settings=settings, effects=(*job.model.effects, MESH), strengths=strengths))
-    ]
-    if not all(found.complete for found in runs):
-        return None
-    coarse, fine = (found.x[1:] for found in runs)
-    return fine[:, : coarse.shape[1]] - coarse
-
-
-def _corrected(n: Normals) -> Normals:
-    """Normal equations with the column "numerics" taken at 1 ± `SPREAD`; as they are where there is none."""
-    if "numerics" not in n.names:
-        return n
-    k = n.names.index("numerics")
-    shifted = replace(n, g=n.g - n.G[:, k], c=float(n.c - 2 * n.g[k] + n.G[k, k]))
-    return marginalised(shifted, ["numerics"], np.array([SPREAD**2]))
+    coarse = predict(job.model, job.recording, job.window, job.states)
+    return finer_offset(job, coarse.x) if coarse.complete else None
 
 
 @dataclass(frozen=True)
@@ -141,7 +123,7 @@ def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
 
 
 def _normal(evidence: list[Evidence] | tuple[Evidence, ...], prior: Prior) -> Normal:
-    done = [_corrected(without_state(e.normals, prior)) for e in evidence if e.prediction.complete]
+    done = [corrected(without_state(e.normals, prior)) for e in evidence if e.prediction.complete]
     if not done:
         return _nothing()
     at = done[0].index(PARAMETERS)

@@ -87,7 +87,9 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
         pairs=tuple(h for h in s.hypotheses if len(h.effects) == 2),
         confusability=confusability(s.windows, [h.effects[0] for h in singles[:COMPARED]]),
         constancy=_constancy(s, named, speed, found.zone) if named else {},
-        rivals={h.name: {"window": by_window(s.windows, h)[h.name], "speed": by_speed(s.windows, h, speed)[h.name]} for h in singles[:RIVALS]},
+        rivals={
+            h.name: {"window": by_window(s.windows, h)[h.name], "speed": by_speed(s.windows, h, speed)[h.name]} for h in singles[:RIVALS]
+        },
     )
 
 
@@ -111,7 +113,11 @@ def _splits(found: Diagnosis, s: Screened, named: Fitted | None) -> tuple[Splits
     free = np.flatnonzero(found.zone != "pinned")
     inside = {"all": free} | {str(z): np.flatnonzero(found.zone == z) for z in zones}
     cloth, fps = found.base.subject.cloth, found.base.subject.fps
-    weft = None if cloth.uv is None else weft_direction(x, cloth.faces, cloth.uv.reshape(-1, 2), np.arange(3 * len(cloth.faces)).reshape(-1, 3))
+    weft = (
+        None
+        if cloth.uv is None
+        else weft_direction(x, cloth.faces, cloth.uv.reshape(-1, 2), np.arange(3 * len(cloth.faces)).reshape(-1, 3))
+    )
 
     def along(r: Array, own: NDArray[np.int64]) -> dict[str, float]:
         seen = np.zeros(r.shape[:2], bool)
@@ -121,7 +127,9 @@ def _splits(found: Diagnosis, s: Screened, named: Fitted | None) -> tuple[Splits
         return {"all": told.rms_mm, **told.by_direction}
 
     return tuple(
-        Splits(name, len(own), along(before, own), along(after, own) if after is not None else None) for name, own in inside.items() if len(own)
+        Splits(name, len(own), along(before, own), along(after, own) if after is not None else None)
+        for name, own in inside.items()
+        if len(own)
     )
 
 
@@ -136,7 +144,8 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
             "added_accel": a.added,
             "training_windows": [_window(e) for e in a.evidence],
             "compared_windows": [
-                {**asdict(w.window), "before_mm": w.before_mm, "after_mm": w.after_mm, "floor_mm": found.shrinkage.floor_mm} for w in a.stretches
+                {**asdict(w.window), "before_mm": w.before_mm, "after_mm": w.after_mm, "floor_mm": found.shrinkage.floor_mm}
+                for w in a.stretches
             ],
             "spectra": {"before": a.before and asdict(a.before), "after": a.after and asdict(a.after)},
             "evidence": [{"effects": [e.name for e in h.effects], "score": h.score, "gains": h.gains} for h in (*a.singles, *a.pairs)],

@@ -44,7 +44,9 @@ def confusability(windows: Windows, effects: Sequence[Effect]) -> Confusability:
     n = signatures(windows, columns)
     blocks = [n.index(e.columns) for e in effects]
     white = [_inverse_root(n.G[np.ix_(i, i)]) for i in blocks]
-    cosine = np.array([[_cosine(a @ n.G[np.ix_(i, j)] @ b) for j, b in zip(blocks, white, strict=True)] for i, a in zip(blocks, white, strict=True)])
+    cosine = np.array(
+        [[_cosine(a @ n.G[np.ix_(i, j)] @ b) for j, b in zip(blocks, white, strict=True)] for i, a in zip(blocks, white, strict=True)]
+    )
     detectability = [np.sqrt(max(e.typical @ n.G[np.ix_(i, i)] @ e.typical, 0.0)) for e, i in zip(effects, blocks, strict=True)]
     return Confusability(tuple(e.name for e in effects), cosine, np.array(detectability))
 

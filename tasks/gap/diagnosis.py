@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.numerics import corrected, finer_offset, size
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, follow, moved, refit, with_fabric, without_state
 from tasks.cloth.start_state import States, states
 from tasks.cloth.state_modes import smooth_modes
@@ -23,8 +24,7 @@ from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.held_out import Shrinkage, shrinkage
 from tasks.gap.hypotheses import Fitted, Windows
-from tasks.gap.numerics import corrected, finer_offset, size
-from tasks.gap.verdict import Candidate, Search, Verdict, judge, plausibility
+from tasks.gap.verdict import Candidate, Search, Verdict, judge, plausibility, withdrawn
 
 Array = NDArray[np.float64]
 
@@ -300,7 +300,7 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Dat
     gap = shrinkage(before, after, floor_mm=float(floor), held_out=held)
     if verdict.named is not None and held and gap.closed_fraction is not None and not gap.shrinks:
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
-        verdict = replace(verdict, kind="none", named=None, classes=(), reason=reason, probability=_of(verdict, "none"))
+        verdict = withdrawn(verdict, reason)
     fps = base.model.subject.fps
     accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)
     final = corrected_model(named) if verdict.named is not None else base.model
@@ -325,10 +325,6 @@ def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
         ratio = value / fabric.density
         found[name] = {"value": ratio, "low": ratio * np.exp(-1.645 * s), "high": ratio * np.exp(1.645 * s), "unit": "m3/kg"}
     return found
-
-
-def _of(verdict: Verdict, name: str) -> float:
-    return next(c.probability for c in verdict.ranking if c.names == (name,))
 
 
 def _by_frame(evidence: Sequence[Evidence], train: Data) -> Array:

@@ -11,7 +11,7 @@ Source: gap budget and answer sets as in error-domain model falsification (Goule
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -134,3 +134,12 @@ def _verdict(ranking: Sequence[Candidate], behind: dict[str, float], second: tup
     compound = second is not None and first.fitted is second[0]
     classes = tuple((e.name,) for e in first.fitted.effects) if compound else (first.names,)
     return Verdict("effect", first.fitted, classes, first.probability, tuple(ranking))
+
+
+def withdrawn(verdict: Verdict, reason: str) -> Verdict:
+    """None instead of the named effect, which did not help on motion kept out: its class keeps a tenth of its weight."""
+    own = {n for c in verdict.classes for n in c}
+    weights = [c.probability * (0.1 if own & set(c.names) else 1.0) for c in verdict.ranking]
+    ranking = [replace(c, probability=w / sum(weights)) for c, w in zip(verdict.ranking, weights, strict=True)]
+    ranking = sorted(ranking, key=lambda c: (c.names != ("none",), -c.probability))
+    return Verdict("none", None, (), ranking[0].probability, tuple(ranking), reason)

@@ -44,7 +44,12 @@ def waterfall(items: Sequence[Item]) -> Figure:
         axes.plot([top, top], [k - 1.4, k + 0.4], color="#334155", lw=0.7)
         axes.text(max(top, top - item.misfit), k, f" {item.misfit:.3g}  ({item.misfit / total:.0%})", va="center")
         top -= item.misfit
-    axes.set(yticks=range(len(names)), yticklabels=names, xlabel="misfit per coordinate (white noise of the tracker: about 1)", xlim=(0, 1.22 * total))
+    axes.set(
+        yticks=range(len(names)),
+        yticklabels=names,
+        xlabel="misfit per coordinate (white noise of the tracker: about 1)",
+        xlim=(0, 1.22 * total),
+    )
     axes.invert_yaxis()
     _plain(axes)
     return canvas
@@ -95,21 +100,35 @@ def _polygons(axes, corners: Array, colour: Array) -> None:
     axes.axis("off")
 
 
-def timeline(training: Sequence[tuple[int, int, Array]], kept: Sequence[Stretch], *, own: bool, held: bool, fps: float, floor_mm: float) -> Figure:
+def timeline(
+    training: Sequence[tuple[int, int, Array]], kept: Sequence[Stretch], *, own: bool, held: bool, fps: float, floor_mm: float
+) -> Figure:
     """Error of every frame. training: (recording, start, mm [L]) of each window; kept: windows with before and after.
 
     own: kept windows are of the same recordings as the training; else they get axes of their own. held: kept out of the fit.
     """
     kept = kept if held else ()
-    rows = [("recording", k, [w for w in training if w[0] == k], [s for s in kept if own and s.window.recording == k]) for k in sorted({w[0] for w in training})]
-    rows += [] if own else [("held-out recording", k, [], [s for s in kept if s.window.recording == k]) for k in sorted({s.window.recording for s in kept})]
+    rows = [
+        ("recording", k, [w for w in training if w[0] == k], [s for s in kept if own and s.window.recording == k])
+        for k in sorted({w[0] for w in training})
+    ]
+    rows += (
+        []
+        if own
+        else [
+            ("held-out recording", k, [], [s for s in kept if s.window.recording == k]) for k in sorted({s.window.recording for s in kept})
+        ]
+    )
     rows = rows[:MOST_RECORDINGS]
     canvas = Figure(figsize=(9, 0.5 + 1.9 * len(rows)), layout="constrained")
     for axes, (name, k, trained, rest) in zip(canvas.subplots(len(rows), 1, squeeze=False, sharey=True)[:, 0], rows, strict=True):
         for _, start, mm in trained:
             _frames(axes, start, {"trained": (mm, TRAINED)}, "#eff4ff", fps)
         for s in rest:
-            lines = {label: (1e3 * np.sqrt(np.nanmean(np.sum(r**2, -1), 1)), c) for label, r, c in (("before", s.before, BEFORE), ("after", s.after, AFTER))}
+            lines = {
+                label: (1e3 * np.sqrt(np.nanmean(np.sum(r**2, -1), 1)), c)
+                for label, r, c in (("before", s.before, BEFORE), ("after", s.after, AFTER))
+            }
             _frames(axes, s.window.start, lines, "#fff5e6", fps)
         axes.axhline(floor_mm, color=FLOOR, ls="--", lw=1, label="floor")
         axes.set(title=f"{name} {k + 1}", ylabel="rms mm", ylim=(0, None))
@@ -136,7 +155,15 @@ def spectra(before: Spectrum, after: Spectrum | None) -> Figure:
     axes.bar(k - 0.2, before.rms_mm, 0.4, color=BEFORE, label="before")
     if after is not None:
         axes.bar(k + 0.2, after.rms_mm, 0.4, color=AFTER, label="after")
-    axes.step(np.r_[k - 0.5, k[-1] + 0.5], np.r_[before.noise_mm, before.noise_mm[-1]], where="post", color=FLOOR, ls="--", lw=1, label="noise alone")
+    axes.step(
+        np.r_[k - 0.5, k[-1] + 0.5],
+        np.r_[before.noise_mm, before.noise_mm[-1]],
+        where="post",
+        color=FLOOR,
+        ls="--",
+        lw=1,
+        label="noise alone",
+    )
     axes.set(xticks=k, xticklabels=["offset of\na window", *(f"{f:.3g} Hz" for f in before.frequency[1:])], ylabel="rms mm")
     axes.legend(fontsize=8)
     _plain(axes, axis="y")
@@ -171,8 +198,26 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
     top = max([s for _, s in rows if s is not None], default=1.0) or 1.0
     for start, count, probability, scored in boxes:
         leading = start == 0
-        axes.add_patch(Rectangle((-0.01 * top, start - 0.47), 1.2 * top, count - 0.06, fill=leading, facecolor="#eef6f0", edgecolor="#334155" if count > 1 else LINE, lw=1.1))
-        axes.text(1.18 * top, start + count / 2 - 0.5, f"{probability:.1%}", ha="right", va="center", fontsize=9, weight="bold" if leading else "normal")
+        axes.add_patch(
+            Rectangle(
+                (-0.01 * top, start - 0.47),
+                1.2 * top,
+                count - 0.06,
+                fill=leading,
+                facecolor="#eef6f0",
+                edgecolor="#334155" if count > 1 else LINE,
+                lw=1.1,
+            )
+        )
+        axes.text(
+            1.18 * top,
+            start + count / 2 - 0.5,
+            f"{probability:.1%}",
+            ha="right",
+            va="center",
+            fontsize=9,
+            weight="bold" if leading else "normal",
+        )
         if not scored:
             axes.text(0.01 * top, start, "no score of its own: what the effects leave", va="center", fontsize=8, color=FLOOR)
     axes.barh(range(len(rows)), [s or 0.0 for _, s in rows], height=0.6, color=TRAINED)
@@ -192,13 +237,27 @@ def confusability_matrix(c: Confusability) -> Figure:
     for i in range(n):
         for j in range(n):
             if i != j and abs(c.cosine[i, j]) >= 0.1:
-                axes.text(j, i, f"{c.cosine[i, j]:.2f}".replace("0.", "."), ha="center", va="center", fontsize=7, color="white" if abs(c.cosine[i, j]) > 0.7 else "black")
+                axes.text(
+                    j,
+                    i,
+                    f"{c.cosine[i, j]:.2f}".replace("0.", "."),
+                    ha="center",
+                    va="center",
+                    fontsize=7,
+                    color="white" if abs(c.cosine[i, j]) > 0.7 else "black",
+                )
     axes.set(xticks=range(n), yticks=range(n), yticklabels=c.names, title="cosine of signatures")
     axes.set_xticklabels(c.names, rotation=50, ha="right", rotation_mode="anchor")
     shown = np.maximum(c.detectability, 0.05)
     side.barh(range(n), shown, color=np.where(c.testable, TRAINED, "#f3b8a2"), height=0.6)
     for i, d in enumerate(c.detectability):
-        side.text(max(shown[i], SHOWN) * 1.15, i, f"{d:.3g} σ" if c.testable[i] else f"{d:.2g} σ: not testable on this recording", va="center", fontsize=7)
+        side.text(
+            max(shown[i], SHOWN) * 1.15,
+            i,
+            f"{d:.3g} σ" if c.testable[i] else f"{d:.2g} σ: not testable on this recording",
+            va="center",
+            fontsize=7,
+        )
     side.axvline(SHOWN, color=FLOOR, ls="--", lw=1)
     side.set(xscale="log", xlim=(0.05, 60 * max(shown.max(), SHOWN)), title="testability at typical strength", xlabel="σ")
     for a in (axes, side):
@@ -239,7 +298,11 @@ def kept_out(kept: Sequence[Stretch], floor_mm: float) -> Figure:
     axes.bar(k + 0.2, [s.after_mm for s in kept], 0.4, color=AFTER, label="after: with the named effect")
     axes.axhline(floor_mm, color=FLOOR, ls="--", lw=1, label="floor: noise and discretisation")
     axes.set(xticks=k, xticklabels=[f"{s.window.recording + 1}: {s.window.start}–{s.window.start + s.window.length}" for s in kept])
-    axes.set(ylabel="rms mm", xlabel="recording: frames of the window", ylim=(0, 1.35 * max([s.before_mm for s in kept] + [s.after_mm for s in kept] + [floor_mm])))
+    axes.set(
+        ylabel="rms mm",
+        xlabel="recording: frames of the window",
+        ylim=(0, 1.35 * max([s.before_mm for s in kept] + [s.after_mm for s in kept] + [floor_mm])),
+    )
     axes.tick_params(axis="x", labelsize=8, rotation=0 if len(kept) < 9 else 60)
     axes.legend(fontsize=8, ncols=3, loc="upper right")
     _plain(axes, axis="y")

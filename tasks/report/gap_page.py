@@ -53,7 +53,11 @@ def _verdict(answer: dict[str, Any]) -> Section:
     ]
     fabric = [[name, p["value"], p["low"], p["high"], p["unit"]] for name, p in answer["parameters"].items()]
     tables = [Table(["", ""], rows)]
-    tables += [Table(["effect, leader of its class", "strength", "low (90 %)", "high", "unit", "probability of the class"], strengths)] if strengths else []
+    tables += (
+        [Table(["effect, leader of its class", "strength", "low (90 %)", "high", "unit", "probability of the class"], strengths)]
+        if strengths
+        else []
+    )
     tables += [Table(["base parameter", "value", "low (90 %)", "high", "unit"], fabric)] if fabric else []
     return Section("Verdict", tables=tables)
 
@@ -67,7 +71,9 @@ def _budget(told: Account) -> Section:
     caption = "What each step takes from the misfit, judged on windows that it was not fitted on." + (
         " Compound causes share by their Shapley values." if several else ""
     )
-    words = ["Unexplained is what stays above white noise when everything named is in: if it is large beside the named bars, doubt the name."]
+    words = [
+        "Unexplained is what stays above white noise when everything named is in: if it is large beside the named bars, doubt the name."
+    ]
     return Section("Gap budget", words, figures=[_plot(figures.waterfall(told.items), caption)])
 
 
@@ -77,7 +83,9 @@ def _where(found: Diagnosis, told: Account) -> Section:
     if told.added is not None:
         shown["added by the named effect"] = (told.added, "rms m/s²")
     x = told.evidence[0].prediction.x[0]
-    caption = "Residual of the compared windows before the effect; acceleration that would close the training windows' residual; grey: not seen."
+    caption = (
+        "Residual of the compared windows before the effect; acceleration that would close the training windows' residual; grey: not seen."
+    )
     rows = [_split_row(s) for s in told.splits]
     names = list(told.splits[0].before)
     columns = ["zone", "vertices", *(f"{'' if n == 'all' else n + ' '}rms mm" for n in names)]
@@ -141,7 +149,11 @@ def _constancy(told: Account) -> Section:
         w, s = own["window"], own["speed"]
         rows.append([name, w.scatter, s.scatter, *(float(m) for m in s.multiples)])
     speeds = next(iter(told.rivals.values()))["speed"].places
-    table = Table(["effect alone", "scatter by window √(Q/dof)", "by speed", *(f"multiple, {p}" for p in speeds)], rows) if rows and _same(told) else None
+    table = (
+        Table(["effect alone", "scatter by window √(Q/dof)", "by speed", *(f"multiple, {p}" for p in speeds)], rows)
+        if rows and _same(told)
+        else None
+    )
     words = [
         "A right name has one strength everywhere; a wrong one drifts. Model error makes Q larger than its degrees of freedom for every name: "
         "the name whose scatter is least is the most constant."

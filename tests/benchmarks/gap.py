@@ -80,7 +80,7 @@ def planted() -> Iterator[Row]:
     for name, value in sorted(scored.items(), key=lambda pair: pair[1]):
         if value < 0.5:
             yield f"    below 0.5: {name}", value, "-", True
-    closed = [row["closed_fraction"] for row in rows if row.get("closed_fraction") is not None]
+    closed = [row["closed"] for row in rows if "closed" in row]
     median = float(np.median(closed)) if closed else np.nan
     yield "closed fraction on a motion predicted blind, median", median, ">= 0.7", median >= 0.7
     seconds = float(np.median([row["seconds"] for row in rows])) if rows else np.nan
@@ -113,7 +113,16 @@ def _sat(name: str, asked: list[Question]) -> list[dict]:
             diagnose(folder, number)
             answer = json.loads((folder.answer(number) / "answer.json").read_text())
             if answer is None:
-                rows.append({"kind": "failed", "probability": 0.0, "credit": 0.0, "causes": sorted(question.causes), "multiple": 0.0, "seconds": time.perf_counter() - start})
+                rows.append(
+                    {
+                        "kind": "failed",
+                        "probability": 0.0,
+                        "credit": 0.0,
+                        "causes": sorted(question.causes),
+                        "multiple": 0.0,
+                        "seconds": time.perf_counter() - start,
+                    }
+                )
                 continue
             truth = folder.truth(number)
             named = {n for c in answer["verdict"]["class"] for n in c}

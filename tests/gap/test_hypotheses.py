@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from tasks.cloth.numerics import corrected
 from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals, log_determinant, marginalised
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Windows, likelihood_ratio, student
-from tasks.gap.numerics import corrected
-from tasks.gap.verdict import judge
+from tasks.gap.verdict import judge, withdrawn
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -131,3 +131,12 @@ def test_normal_equations_about_a_strength_say_the_same():
         here, again = w.fit(effects), about.fit(effects)
         np.testing.assert_allclose(list(again.strengths.values()), list(here.strengths.values()), rtol=1e-6)
         np.testing.assert_allclose(again.gains, here.gains, atol=1e-6)
+
+
+def test_a_name_that_does_not_help_on_held_out_motion_is_withdrawn():
+    w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
+    named = judge([w.fit([e]) for e in EFFECTS], unexplained=0.0)
+    after = withdrawn(named, "it does not help")
+    assert after.kind == "none" and after.named is None and after.ranking[0].names == ("none",)
+    assert sum(c.probability for c in after.ranking) == pytest.approx(1)
+    assert after.ranking[0].probability > named.ranking[[c.names for c in named.ranking].index(("none",))].probability

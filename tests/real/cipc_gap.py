@@ -35,7 +35,9 @@ def data_of(name: str) -> tuple[Model, Data]:
     v[1:] = (x[1:] - x[:-1]) * FPS  # backward Euler's own velocity
     seen = Recording(Motion(c, x[:, cloth.boundary]), x, np.full(x.shape[:2], NOISE))
     cut = tuple(replace(w, start=max(w.start, 1)) for w in windows([seen], FPS))
-    return Model(subject, AS_CIPC), Data((seen,), (States(x, v, "converged"),), tuple(replace(w, length=w.length - (w.start == 1)) for w in cut))
+    return Model(subject, AS_CIPC), Data(
+        (seen,), (States(x, v, "converged"),), tuple(replace(w, length=w.length - (w.start == 1)) for w in cut)
+    )
 
 
 def main() -> None:
@@ -44,10 +46,19 @@ def main() -> None:
     model, data = data_of(name)
     train, _ = split(data)
     with Pool(limit_s=1800.0) as pool:
-        found = screen(model, train, suspects(library().values()), iterations=0, run=pool.map, tell=lambda text: print(text, file=sys.stderr))
+        found = screen(
+            model, train, suspects(library().values()), iterations=0, run=pool.map, tell=lambda text: print(text, file=sys.stderr)
+        )
     verdict = judge(found.hypotheses, unexplained=0.0)
-    rows = [{"class": c.names, "probability": c.probability, "strength": c.fitted.strengths if c.fitted else {}} for c in verdict.ranking[:6]]
-    print(json.dumps({"recording": name, "verdict": verdict.kind, "class": verdict.classes, "ranking": rows, "seconds": time.perf_counter() - start}, indent=1))
+    rows = [
+        {"class": c.names, "probability": c.probability, "strength": c.fitted.strengths if c.fitted else {}} for c in verdict.ranking[:6]
+    ]
+    print(
+        json.dumps(
+            {"recording": name, "verdict": verdict.kind, "class": verdict.classes, "ranking": rows, "seconds": time.perf_counter() - start},
+            indent=1,
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tasks.simulator import Fabric, Settings, simulate
-from tests.real.sleeve_model import JERSEY, PLATE, Sleeve, arm_plate, at_rest, joined, posed, raised, sleeve
+from tests.real.sleeve_model import CLAMPS, JERSEY, PLATE, ROW_1, Sleeve, arm_plate, at_rest, joined, posed, raised, sleeve
 from tests.real.sleeve_recording import DOWN, PAIRS, RATE, Run, arm_frame, in_arm_frame, read_run
 
 TRAIN, TEST = (1, 2, 3), (4, 5)
 LEFT_OUT = (5, 9, 13)  # places that no fit sees: a middle one, one at the fold, the hem
 SPREAD, INSTANTS = 2.2e-3, 12.0  # σ [m] of a place between repeats, N
+CLAMP_ACROSS = 0.038  # [m] of each clamp from the middle of the arm, the author's model
+LAYER = 2e-3  # [m] of a layer's nodes off the arm
 HANG, RAISE, HOLD = 8, 20, 4  # frames before the recording begins
 PRIOR = {  # name: (start, standard deviation)
     "log_membrane": (0.0, 1.0),  # relative to the guessed jersey
@@ -26,6 +28,7 @@ PRIOR = {  # name: (start, standard deviation)
     "friction": (0.3, 0.15),
     "clamp_seam": (0.0, 0.03),  # [m] down the arm from where a photograph shows it
     "clamp_fold": (0.0, 0.03),
+    "clamps_across": (0.0, 0.02),  # [m] both to one side
     "clamps_out": (0.0, 0.01),  # [m] off the plane of the arm
     "thickness": (PLATE, 0.004),  # [m] of the arm
     "delay": (0.0, 0.015),  # [s] of the sleeve's recording behind the arm's
@@ -59,9 +62,9 @@ class Swing:
     ending: str
 
 
-def swing(θ: dict[str, float], *, around: int = 7, along: int = 15, settings: Settings = SETTINGS, tangents: bool = True) -> Swing:
+def swing(θ: dict[str, float], *, around: int = 6, along: int = 9, settings: Settings = SETTINGS, tangents: bool = True) -> Swing:
     """Simulate the mean swing with these parameters."""
-    run, garment = mean_arm(), sleeve(around=around, along=along)
+    run, garment = mean_arm(), _clamped(sleeve(around=around, along=along), around)
     motion = _with_approach(run)
     fabric = _fabric(θ)
     boundary, arm, modes, collider = _driven(garment, motion, θ)
@@ -147,24 +150,41 @@ def _fabric(θ: dict[str, float]) -> Fabric:
 
 
 def _driven(garment: Sleeve, motion: Run, θ: dict[str, float]):
-    """Motion of the clamped nodes and of the arm, their modes, and the arm's faces."""
-    nodes = garment.cloth.boundary
-    seam = garment.x_arm[nodes, 1] < 0
-    here = garment.x_arm[nodes]
+    """Motion of the clamped nodes and of the arm, their modes, and the arm's faces.
+
+    The clamps press both layers onto the arm at the columns of places 1 and 3: while the arm hangs they close from the round tube of the start.
+    """
+    here, seam = garment.x_arm[garment.cloth.boundary], garment.x_arm[garment.cloth.boundary, 1] < 0
+    front = np.where(here[:, 2] >= 0, 1.0, -1.0)
     origin = posed(np.zeros((1, 3)), motion, link=1)
     axis = [posed(np.eye(3)[k][None], motion, link=1) - origin for k in range(3)]  # along, across, out: [T, 1, 3]
+    closed = np.minimum(np.arange(len(motion.time)) / HANG, 1.0)[:, None, None]
+    across = np.where(seam, -CLAMP_ACROSS, CLAMP_ACROSS)
+    to = np.stack([here[:, 0], across, front * (PLATE / 2 + LAYER)], 1)
+    modes = {
+        "clamp_seam": closed * axis[0] * seam[None, :, None],
+        "clamp_fold": closed * axis[0] * ~seam[None, :, None],
+        "clamps_across": closed * axis[1] * np.ones((1, len(here), 1)),
+        "clamps_out": closed * axis[2] * front[None, :, None],
+    }
+    boundary = (1 - closed) * posed(here, motion, link=1) + closed * posed(to, motion, link=1)
+    boundary = boundary + sum(θ[name] * mode for name, mode in modes.items())
     arm, collider = arm_plate()
     half = np.sign(arm[:, 2]) / 2
     thick = arm * [1, 1, 0] + np.outer(half, [0, 0, θ["thickness"]])
-    out = np.where(here[:, 2] >= 0, 1.0, -1.0)
-    modes = {
-        "clamp_seam": axis[0] * seam[None, :, None],
-        "clamp_fold": axis[0] * ~seam[None, :, None],
-        "clamps_out": axis[2] * out[None, :, None],
-    }
-    boundary = posed(here, motion, link=1) + sum(θ[name] * mode for name, mode in modes.items())
     path = posed(thick, motion)
     grown = posed(thick + np.outer(half, [0, 0, 1.0]), motion) - path
     still = np.zeros_like(path)
     pairs = {name: (still, mode) for name, mode in modes.items()} | {"thickness": (grown, np.zeros_like(boundary))}
     return boundary, path, pairs, collider
+
+
+def _clamped(garment: Sleeve, around: int) -> Sleeve:
+    """The sleeve held by both layers at the columns of places 1 and 3, where the photograph shows the clamps."""
+    ring = 2 * around
+    nodes = []
+    for place, height in ((1, CLAMPS["seam"]), (3, CLAMPS["fold"])):
+        column = int(garment.places[place][0][0]) % ring
+        row = int(np.argmin(np.abs(garment.x_arm[column::ring, 0] - (ROW_1 + height))))
+        nodes += [row * ring + c for c in (column, ring - column)]
+    return replace(garment, cloth=replace(garment.cloth, boundary=np.unique(nodes).astype(np.int32)))
