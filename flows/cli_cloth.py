@@ -45,7 +45,7 @@ def fit(
     as_released: Algorithm 1 with the released code's raw Adam.
     boundary: Driven nodes follow the tracked surface, or ride on the nearest face of the collider.
     frames: How many frames after the first are compared; Algorithm 1 takes 24.
-    iterations: Most iterations; 8, or 100 for Algorithm 1.
+    iterations: Most iterations; 4, or 100 for Algorithm 1.
     substeps: Time steps per frame; Algorithm 1 takes one.
     at_rest: The garment is still in its first frame.
     profiles: Also simulate the loss along each parameter and along the direction that motion does not fix.

@@ -47,6 +47,7 @@ def run(
     out: Annotated[Path | None, Parameter(name="--out")] = None,
     quick: Annotated[bool, Parameter(name="--quick", negative="")] = False,
     without: Annotated[tuple[str, ...], Parameter(name="--without", negative="")] = (),
+    report: Annotated[Path | None, Parameter(name="--report")] = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Diagnose recordings of one garment that anybody tracked.
@@ -59,11 +60,12 @@ def run(
     out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
     quick: Fewer refits.
     without: Names of effects to leave out of the library.
+    report: An HTML page that shows the verdict and what it rests on; everything as JSON goes beside it.
     """
     from flows import gap
 
     messages = Console(stderr=True)
-    request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder)
+    request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder, report)
     found, _ = gap.run(request, tell=lambda text: messages.print(text, style="dim", markup=False, highlight=False))
     return _tell(found, json_)
 

@@ -59,7 +59,9 @@ def _work(request: Request, pool: str, stages: dict[str, str], queue: str) -> Wo
         "settings": json_settings(request.settings),
         "until": request.until,
     }
-    return Work(f"{pool}/service", parameters, f"{pool}-{digest}", f"{request.actor} {request.sequence}: {', '.join(stages)}", queue)
+    return Work(
+        f"{pool}/service", parameters, f"{pool}-{digest}", f"{request.actor} {request.sequence}: {pool} from {next(iter(stages))}", queue
+    )
 
 
 def _failure(task: asyncio.Task, stages: dict[str, str], still_ready: dict[str, str]) -> str | None:

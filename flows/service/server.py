@@ -64,6 +64,7 @@ def server_environment(service: ServiceParameters) -> dict[str, str]:
         **({"PREFECT_SERVER_DATABASE_CONNECTION_URL": service.database.get_secret_value()} if service.database else {}),
         **({"PREFECT_SERVER_API_AUTH_STRING": auth} if auth else {}),
         "PREFECT_SERVER_API_CSRF_PROTECTION_ENABLED": "true",
+        "PREFECT_SERVER_UI_API_URL": "/api",  # where the browser found the page; by default it looks at port 4200 of its own machine
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "true",
         "DO_NOT_TRACK": "1",

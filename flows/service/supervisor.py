@@ -60,15 +60,18 @@ class Supervisor:
                 self._start(kept)
 
     def end(self, grace_s: float = GRACE_S) -> None:
-        """Ask all to end, in reverse order of their start; kill what does not, and whatever they started."""
-        for kept in reversed(self.kept.values()):
-            if kept.process is not None and kept.process.poll() is None:
-                _signal_group(kept.process.pid, signal.SIGTERM)
+        """Ask all but the first, all at once, then the first, which they may need to say goodbye; kill what does not end and what it started."""
+        running = [kept.process for kept in self.kept.values() if kept.process is not None]
+        for together in (running[1:], running[:1]):
+            for process in together:
+                _signal_group(process.pid, signal.SIGTERM)
+            until = time.monotonic() + grace_s
+            for process in together:
                 try:
-                    kept.process.wait(grace_s)
+                    process.wait(max(until - time.monotonic(), 0.0))
                 except subprocess.TimeoutExpired:
-                    _signal_group(kept.process.pid, signal.SIGKILL)
-                    kept.process.wait()
+                    _signal_group(process.pid, signal.SIGKILL)
+                    process.wait()
         end_marked(self.home)
 
     def _start(self, kept: Kept) -> None:

@@ -29,11 +29,11 @@ from tasks.simulator import Fabric, Settings
 from tasks.skinning.linear_blend import repose
 from tasks.stage import Folder, Job, Parameters, stage
 
-GAUSS_NEWTON_ITERATIONS = 8
+GAUSS_NEWTON_ITERATIONS = 4
 
 
 class FitParameters(Parameters):
-    """How a fabric is fitted. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 8 by tangents, 100 by differences.
+    """How a fabric is fitted. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4 by tangents, 100 by differences.
 
     attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
     """

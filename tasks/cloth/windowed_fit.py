@@ -22,6 +22,7 @@ from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_p
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, predict, windows
+from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
@@ -30,7 +31,7 @@ from tasks.simulator.newton import CONVERGED
 Array = NDArray[np.float64]
 
 FOLLOWED = 3.0  # standard deviations of the noise: a replay that stays this near is not chaotic, and is fitted as a whole
-NUMERIC_STEPS = 3
+NUMERIC_STEPS = 1
 MODES = 8  # of the start state, times three directions, times place and velocity
 
 
@@ -109,10 +110,11 @@ class Windowed:
 def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
     """The windows of a scene; none, and why, where the cloth cannot be brought to where it was seen."""
     zone = np.full(len(scene.x0), "free", dtype="U8")
-    model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), scene.settings)
-    motion = Motion(scene.collider_motion, scene.boundary_motion)
-    known = states(model, motion, scene.observed, _noise(scene))
-    recording = Recording(motion, scene.observed, scene.noise_m)
+    model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), replace(scene.settings, yield_collider=False))
+    recording = Recording(Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
+    if scene.settings.yield_collider:
+        recording = with_yielded_collider(recording, model)
+    known = states(model, recording.motion, recording.observed, _noise(scene))
     cut = windows([recording], scene.fps)
     if known.ending != CONVERGED:
         cut = [w for w in cut if w.start < len(known.x)]

@@ -73,12 +73,13 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
     noise = float(np.median([np.median(r.noise) for r in recordings]))
     singles = tuple(h for h in s.hypotheses if len(h.effects) == 1)
     speed = speeds(s.evidence, fps)
+    linear = s.windows.fit(named.effects) if named else None  # about the base, as the windows' columns are
     return Account(
         items=budget(s, named),
         residual_mm=residual,
         missing=residual_acceleration(s.evidence, fps),
-        added=effect_acceleration(s.evidence, named, fps) if named else None,
-        splits=_splits(found, s, named),
+        added=effect_acceleration(s.evidence, linear, fps) if linear else None,
+        splits=_splits(found, s, linear),
         evidence=s.evidence,
         stretches=shown,
         before=spectrum([w.before for w in shown], fps, noise),
@@ -86,7 +87,7 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
         singles=singles,
         pairs=tuple(h for h in s.hypotheses if len(h.effects) == 2),
         confusability=confusability(s.windows, [h.effects[0] for h in singles[:COMPARED]]),
-        constancy=_constancy(s, named, speed, found.zone) if named else {},
+        constancy=_constancy(s, linear, speed, found.zone) if linear else {},
         rivals={
             h.name: {"window": by_window(s.windows, h)[h.name], "speed": by_speed(s.windows, h, speed)[h.name]} for h in singles[:RIVALS]
         },

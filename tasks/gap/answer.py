@@ -16,7 +16,7 @@ VERSION = 1
 Z90 = 1.645
 
 
-def answer(found: Diagnosis, *, seconds: float) -> dict[str, Any]:
+def answer(found: Diagnosis, *, seconds: float | None) -> dict[str, Any]:
     """The whole answer; None where something is unseen or does not apply."""
     v, gap = found.verdict, found.shrinkage
     names = [n for c in v.classes for n in c]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tasks.gap.budget import Item
 from tasks.gap.confusability import SHOWN, Confusability
 from tasks.gap.constancy import Constancy
+from tasks.gap.residual import rms_mm
 from tasks.gap.spectrum import Spectrum
 from tasks.gap.stretches import Stretch
 from tasks.gap.verdict import Candidate
@@ -38,11 +39,13 @@ def waterfall(items: Sequence[Item]) -> Figure:
     axes = canvas.add_subplot()
     names, top = ["before any fit", *(i.name for i in items)], total
     axes.barh(0, total, color="#334155")
-    axes.text(total, 0, f" {total:.3g}", va="center")
+    axes.text(total, 0, f" {total:.3f}", va="center")
     for k, item in enumerate(items, 1):
         axes.barh(k, item.misfit, left=top - item.misfit, color=PARTS[item.part])
         axes.plot([top, top], [k - 1.4, k + 0.4], color="#334155", lw=0.7)
-        axes.text(max(top, top - item.misfit), k, f" {item.misfit:.3g}  ({item.misfit / total:.0%})", va="center")
+        axes.text(
+            max(top, top - item.misfit), k, f" {round(item.misfit, 3) + 0.0:.3f}  ({round(item.misfit / total, 2) + 0.0:.0%})", va="center"
+        )
         top -= item.misfit
     axes.set(
         yticks=range(len(names)),
@@ -107,37 +110,38 @@ def timeline(
 
     own: kept windows are of the same recordings as the training; else they get axes of their own. held: kept out of the fit.
     """
-    kept = kept if held else ()
+    kept, beside = kept if held else (), own and held
     rows = [
-        ("recording", k, [w for w in training if w[0] == k], [s for s in kept if own and s.window.recording == k])
+        (f"recording {k + 1}", [w for w in training if w[0] == k], [s for s in kept if beside and s.window.recording == k])
         for k in sorted({w[0] for w in training})
     ]
-    rows += (
-        []
-        if own
-        else [
-            ("held-out recording", k, [], [s for s in kept if s.window.recording == k]) for k in sorted({s.window.recording for s in kept})
+    if not beside:
+        rows += [
+            (f"held-out recording {k + 1}", [], [s for s in kept if s.window.recording == k])
+            for k in sorted({s.window.recording for s in kept})
         ]
-    )
     rows = rows[:MOST_RECORDINGS]
-    canvas = Figure(figsize=(9, 0.5 + 1.9 * len(rows)), layout="constrained")
-    for axes, (name, k, trained, rest) in zip(canvas.subplots(len(rows), 1, squeeze=False, sharey=True)[:, 0], rows, strict=True):
+    canvas = Figure(figsize=(9, 0.6 + 1.9 * len(rows)), layout="constrained")
+    grid = canvas.subplots(len(rows), 1, squeeze=False, sharex=True, sharey=True)[:, 0]
+    for axes, (title, trained, rest) in zip(grid, rows, strict=True):
         for _, start, mm in trained:
             _frames(axes, start, {"trained": (mm, TRAINED)}, "#eff4ff", fps)
         for s in rest:
-            lines = {
-                label: (1e3 * np.sqrt(np.nanmean(np.sum(r**2, -1), 1)), c)
-                for label, r, c in (("before", s.before, BEFORE), ("after", s.after, AFTER))
-            }
+            lines = {"before": (_each_frame_mm(s.before), BEFORE), "after": (_each_frame_mm(s.after), AFTER)}
             _frames(axes, s.window.start, lines, "#fff5e6", fps)
         axes.axhline(floor_mm, color=FLOOR, ls="--", lw=1, label="floor")
-        axes.set(title=f"{name} {k + 1}", ylabel="rms mm", ylim=(0, None))
-        axes.title.set_size(9)
+        axes.set_title(title, fontsize=9)
+        axes.set_ylabel("rms mm")
         axes.grid(alpha=0.3)
-        handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-        axes.legend(handles.values(), handles.keys(), fontsize=8, loc="upper right", ncols=4)
-    axes.set_xlabel("time s")
+        by_label = {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        axes.legend(by_label.values(), by_label.keys(), fontsize=8, loc="lower right", ncols=4)
+    grid[0].set_ylim(0, 1.1 * max(np.nanmax(line.get_ydata()) for axes in grid for line in axes.lines))
+    grid[-1].set_xlabel("time s")
     return canvas
+
+
+def _each_frame_mm(r: Array) -> Array:
+    return np.array([rms_mm(frame) for frame in r])
 
 
 def _frames(axes, start: int, lines: Mapping[str, tuple[Array, str]], ground: str, fps: float) -> None:
@@ -165,8 +169,7 @@ def spectra(before: Spectrum, after: Spectrum | None) -> Figure:
         label="noise alone",
     )
     axes.set(xticks=k, xticklabels=["offset of\na window", *(f"{f:.3g} Hz" for f in before.frequency[1:])], ylabel="rms mm")
-    axes.legend(fontsize=8)
-    _plain(axes, axis="y")
+    _headroom(axes)
     return canvas
 
 
@@ -177,9 +180,8 @@ def split_bars(before: Mapping[str, float], after: Mapping[str, float] | None) -
     axes.bar(k - 0.2, list(before.values()), 0.4, color=BEFORE, label="before")
     if after is not None:
         axes.bar(k + 0.2, list(after.values()), 0.4, color=AFTER, label="after")
-        axes.legend(fontsize=8)
     axes.set(xticks=k, xticklabels=list(before), ylabel="rms mm")
-    _plain(axes, axis="y")
+    _headroom(axes)
     return canvas
 
 
@@ -188,39 +190,23 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
     rows, boxes = [], []
     for candidate in ranking:
         fitted = [h for h in (candidate.fitted, *candidate.others) if h is not None]
-        names = [(h.name, h.score) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
-        boxes.append((len(rows), len(names), candidate.probability, bool(fitted)))
-        rows += names
+        boxes.append((len(rows), max(len(fitted), 1), candidate.probability))
+        rows += [(h.name, h.score) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
         if len(rows) >= MOST_BARS:
             break
     canvas = Figure(figsize=(8.5, 0.7 + 0.27 * len(rows)))
     axes = canvas.add_subplot()
-    top = max([s for _, s in rows if s is not None], default=1.0) or 1.0
-    for start, count, probability, scored in boxes:
-        leading = start == 0
-        axes.add_patch(
-            Rectangle(
-                (-0.01 * top, start - 0.47),
-                1.2 * top,
-                count - 0.06,
-                fill=leading,
-                facecolor="#eef6f0",
-                edgecolor="#334155" if count > 1 else LINE,
-                lw=1.1,
-            )
-        )
-        axes.text(
-            1.18 * top,
-            start + count / 2 - 0.5,
-            f"{probability:.1%}",
-            ha="right",
-            va="center",
-            fontsize=9,
-            weight="bold" if leading else "normal",
-        )
-        if not scored:
-            axes.text(0.01 * top, start, "no score of its own: what the effects leave", va="center", fontsize=8, color=FLOOR)
-    axes.barh(range(len(rows)), [s or 0.0 for _, s in rows], height=0.6, color=TRAINED)
+    top = max([score for _, score in rows if score is not None], default=0.0) or 1.0
+    for start, count, probability in boxes:
+        edge, weight = ("#334155" if count > 1 else LINE), ("bold" if start == 0 else "normal")
+        ground = "#eef6f0" if start == 0 else "none"
+        axes.add_patch(Rectangle((-0.01 * top, start - 0.47), 1.2 * top, count - 0.06, facecolor=ground, edgecolor=edge, lw=1.1))
+        axes.text(1.18 * top, start + count / 2 - 0.5, f"{probability:.1%}", ha="right", va="center", fontsize=9, weight=weight)
+    for k, (name, score) in enumerate(rows):
+        if score is None:
+            words = "zero of the scale" if name == "none" else "no score of its own: what the library leaves"
+            axes.text(0.01 * top, k, words, va="center", fontsize=8, color=FLOOR)
+    axes.barh(range(len(rows)), [score or 0.0 for _, score in rows], height=0.6, color=TRAINED)
     axes.set(yticks=range(len(rows)), yticklabels=[n for n, _ in rows], xlim=(-0.02 * top, 1.21 * top), ylim=(len(rows) - 0.4, -0.6))
     axes.set_xlabel("score: log likelihood ratio against “none”        (right: probability)")
     axes.tick_params(axis="y", labelsize=8)
@@ -307,6 +293,13 @@ def kept_out(kept: Sequence[Stretch], floor_mm: float) -> Figure:
     axes.legend(fontsize=8, ncols=3, loc="upper right")
     _plain(axes, axis="y")
     return canvas
+
+
+def _headroom(axes) -> None:
+    """A legend above the bars."""
+    axes.set_ylim(0, 1.25 * axes.get_ylim()[1])
+    axes.legend(fontsize=8, ncols=3, loc="upper right")
+    _plain(axes, axis="y")
 
 
 def _plain(axes, axis: str = "x") -> None:

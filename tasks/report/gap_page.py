@@ -8,6 +8,7 @@ import numpy as np
 from tasks.gap.account import Account, Splits
 from tasks.gap.confusability import SHOWN
 from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
 from tasks.report.page import Figure, Section, Table, page
 from tasks.report.pictures import figure_uri
@@ -104,7 +105,7 @@ def _split_row(s: Splits) -> list[Any]:
 
 def _timeline(found: Diagnosis, told: Account, *, own: bool) -> Section:
     training = [
-        (e.prediction.window.recording, e.prediction.window.start, 1e3 * np.sqrt(np.nanmean(np.sum(e.residual**2, -1), 1)))
+        (e.prediction.window.recording, e.prediction.window.start, np.array([rms_mm(r) for r in e.residual]))
         for e in told.evidence
         if e.residual is not None
     ]

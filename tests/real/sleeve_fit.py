@@ -1,11 +1,11 @@
-"""The recorded sleeve fitted: fabric, friction, and what its geometry leaves open, as parameters with priors, by Gauss–Newton on tangents.
+"""The recorded sleeve fitted: fabric, friction, and what its geometry leaves open, as parameters with priors, by Gauss–Newton.
 
 One simulation serves all places: the arm swings alike in all runs, so it is driven by the mean of repeats 1–3, and compared with the mean
-trajectory of each place in the frame of the arm.
+trajectory of each place in the frame of the arm. The start of `clamps_across` is the mean offset of all places on repeats 1–3.
 
     minimise  Σ_places N/T Σ_t ‖ȳ − y(θ)‖²/σ²  +  Σ (θ − θ₀)²/s²        N independent instants per swing record, σ the spread of repeats
 
-Clamp positions, the thickness of the arm and the time offset move what drives the cloth (motion modes); the tangents know them.
+Clamp positions, the thickness of the arm and the time offset move what drives the cloth: they are motion modes, so tangents know them too.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ PRIOR = {  # name: (start, standard deviation)
     "friction": (0.3, 0.15),
     "clamp_seam": (0.0, 0.03),  # [m] down the arm from where a photograph shows it
     "clamp_fold": (0.0, 0.03),
-    "clamps_across": (0.0, 0.02),  # [m] both to one side
+    "clamps_across": (-0.02, 0.02),  # [m] both to one side
     "clamps_out": (0.0, 0.01),  # [m] off the plane of the arm
     "thickness": (PLATE, 0.004),  # [m] of the arm
     "delay": (0.0, 0.015),  # [s] of the sleeve's recording behind the arm's
@@ -97,6 +97,20 @@ def swing(θ: dict[str, float], *, around: int = 6, along: int = 9, settings: Se
             d = [np.stack([w @ f.tangents[n][0][nodes] for f in recorded]) if n != "delay" else delayed for n in PRIOR]
             columns[number] = np.einsum("tij,tjp->tip", axes, np.stack(d, -1))
     return Swing(places, columns, ending)
+
+
+def secants(θ: dict[str, float], at: Swing) -> Swing:
+    """The swing with derivatives from steps of half a prior's deviation, one simulation each.
+
+    Tangents follow one history of contact: after four seconds they have grown with every fold that could fall either way, and a step
+    along them is a thousandth of what it should be. Steps of a realistic size average over that.
+    """
+    columns = {place: [] for place in at.places}
+    for name, (_, s) in PRIOR.items():
+        there = swing(θ | {name: θ[name] + s / 2}, tangents=False)
+        for place, x in at.places.items():
+            columns[place].append((there.places[place] - x) / (s / 2) if there.places else np.zeros_like(x))
+    return replace(at, columns={place: np.stack(c, -1) for place, c in columns.items()})
 
 
 def improved(θ: dict[str, float], at: Swing, *, damping: float = 0.0) -> dict[str, float]:

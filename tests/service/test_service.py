@@ -74,7 +74,7 @@ def test_runs_are_named_after_actor_sequence_and_stage(ended):
     _, (one, *_) = ended
     wanted = FlowRunFilter(tags=FlowRunFilterTags(all_=[f"parent:{one.id}"]))
     children = ask(lambda client: client.read_flow_runs(flow_run_filter=wanted))
-    assert {run.name for run in children} == {"ann same: capture", "ann same: cloth"}
+    assert {run.name for run in children} == {"ann same: vision from capture", "ann same: simulation from cloth"}
 
 
 def test_a_person_sees_each_stage(ended):
@@ -109,7 +109,7 @@ def test_cancelling_a_parent_reaches_its_child(running):
             while child is None or not child.state.is_running():
                 await asyncio.sleep(0.5)
                 found = await client.read_flow_runs(flow_run_filter=FlowRunFilter(tags=FlowRunFilterTags(all_=[f"parent:{run.id}"])))
-                child = next((r for r in found if r.name == "ann long: cloth"), None)
+                child = next((r for r in found if r.name == "ann long: simulation from cloth"), None)
             from prefect.states import Cancelling
 
             await client.set_flow_run_state(run.id, Cancelling())
