@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 DRAWS = 2000
 LEVEL = (5.0, 95.0)
+CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, and a fraction of it would mean nothing
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm
     φ = _closed(E[draws].sum(1), floor_mm)
     own = _closed(E.sum(0)[None], floor_mm)[0]
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
-    if b**2 <= 1.05 * floor_mm**2:
+    if b**2 <= CLOSABLE * floor_mm**2:
         return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out)
     low, high = np.percentile(φ, LEVEL)
     return Shrinkage(float(b), float(a), floor_mm, float(own), float(low), float(high), held_out)
