@@ -1,0 +1,58 @@
+"""How far a gap shrinks: the fraction of what can be closed, its interval, and when it is not stated."""
+
+import numpy as np
+import pytest
+
+from tasks.cloth.shooting import Evidence
+from tasks.cloth.windows import Normals, Prediction, Window
+from tasks.gap.acceleration import fitted_acceleration
+from tasks.gap.held_out import shrinkage
+
+NOTHING = Normals((), np.zeros((0, 0)), np.zeros(0), 0.0, 0)
+
+
+def evidence(rng, rms_mm, count=12):
+    """Windows of five frames and thirty vertices with residuals of this root mean square distance."""
+    found = []
+    for k in range(count):
+        r = rng.standard_normal((5, 30, 3)) * rms_mm * 1e-3 / np.sqrt(3)
+        found.append(Evidence(Prediction(Window(0, 5 * k, 5), np.zeros((6, 30, 3)), {}, "converged", 0), NOTHING, r))
+    return found
+
+
+def test_half_of_what_can_be_closed_is_half():
+    rng = np.random.default_rng(0)
+    gap = shrinkage(evidence(rng, 10.0), evidence(rng, np.sqrt((10.0**2 + 3.0**2) / 2)), floor_mm=3.0, held_out=True)
+    assert gap.before_mm == pytest.approx(10.0, rel=0.03)
+    assert gap.closed_fraction == pytest.approx(0.5, abs=0.05)
+    assert gap.low < 0.5 < gap.high and gap.shrinks
+
+
+def test_no_change_does_not_shrink():
+    rng = np.random.default_rng(1)
+    gap = shrinkage(evidence(rng, 10.0), evidence(rng, 10.0), floor_mm=3.0, held_out=True)
+    assert not gap.shrinks
+
+
+def test_at_the_floor_no_fraction_is_stated():
+    rng = np.random.default_rng(2)
+    gap = shrinkage(evidence(rng, 3.1), evidence(rng, 3.0), floor_mm=3.0, held_out=True)
+    assert gap.closed_fraction is None and not gap.shrinks
+
+
+def test_what_was_not_seen_does_not_count():
+    rng = np.random.default_rng(3)
+    before, after = evidence(rng, 10.0), evidence(rng, 5.0)
+    whole = shrinkage(before, after, floor_mm=1.0, held_out=False)
+    for e in (*before, *after):
+        e.residual[:, 20:] = np.nan
+    part = shrinkage(before, after, floor_mm=1.0, held_out=False)
+    assert part.before_mm == pytest.approx(whole.before_mm, rel=0.05)
+
+
+def test_the_acceleration_of_a_constant_force_is_found():
+    t = np.arange(1, 6) / 30.0
+    a = np.array([[1.0, -2.0, 0.5], [0.0, 3.0, 0.0]])
+    field = 0.5 * t[:, None, None] ** 2 * a
+    field[2, 1] = np.nan
+    np.testing.assert_allclose(fitted_acceleration(field, 30.0), a, rtol=1e-9)
