@@ -11,6 +11,7 @@ from tasks.report.page import Figure, Section, Table
 from tasks.report.pictures import crop_to, data_uri, draw_keypoints, draw_mesh, figure_uri, heat, strip
 
 GROUPS = {"body": slice(0, 17), "feet": slice(17, 23), "face": slice(23, 91), "hands": slice(91, 133)}
+CLASSES = 6  # shown
 GARMENT_COLOURS = ((255, 150, 60), (90, 170, 255), (170, 230, 90), (240, 110, 190))
 
 
@@ -123,6 +124,22 @@ def gap_section(
         Figure(figure_uri(_timeline(np.asarray(tables["frame_mm"], float), fps)), "Error over time.", plot=True),
     ]
     return Section("Where the gap lies", tables=[zones, directions, bands], figures=figures)
+
+
+def cause_section(answer: dict[str, Any]) -> Section:
+    """What the diagnosis weighed: classes that the recording cannot tell apart, their probabilities and strengths."""
+    rows = [
+        [
+            ", ".join(row["class"]),
+            row["probability"],
+            "; ".join(f"{n} {s['value']:.3g} {s['unit']} ({s['low']:.3g} to {s['high']:.3g})" for n, s in row["strength"].items()),
+        ]
+        for row in answer["ranking"][:CLASSES]
+    ]
+    zones = [[z["zone"], z["before_mm"], z["after_mm"]] for z in answer["where"]["zones"]]
+    tables = [Table(["class", "probability", "strength (90 %)"], rows), Table(["zone", "before mm", "after mm"], zones)]
+    told = f"Weighed on the {answer['garment']}, in windows of a fifth of a second. Record next: {answer['record_next']}."
+    return Section("Which effect is missing", [told], tables)
 
 
 def appearance_section(albedo: NDArray, psnr: NDArray, frames: Sequence[int], camera_names: Sequence[str]) -> Section:

@@ -51,7 +51,7 @@ def report(
     view = _View.of(capture, job, len(cloth.simulated) - 1 if cloth else len(capture.frame_numbers) - 1)
     found = [
         *([sections.truth_section(parameters.scores)] if parameters.scores else []),
-        *([_gap(view, cloth, gap, capture.fps)] if gap else []),
+        *([sections.cause_section(gap.verdict), _gap(view, cloth, gap, capture.fps)] if gap else []),
         *([sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings)] if cloth else []),
         *([_tracking(view, tracking)] if tracking else []),
         *([_body(view, body, capture)] if body else []),
