@@ -53,6 +53,7 @@ def test_every_stage_runs_and_the_report_stands_alone(small):
     page = Path(ended["report"]).read_text()
     assert "Against the truth" in page
     assert "Not testable" in page  # eight frames are too few windows
+    assert "Which effect is missing" in page
     assert "<script" not in page
     assert 'src="http' not in page
 
