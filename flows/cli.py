@@ -134,17 +134,31 @@ def plan(
 def rerun(
     actor: str,
     *,
-    from_: Annotated[str, Parameter(name="--from")],
+    from_: Annotated[str | None, Parameter(name="--from")] = None,
+    with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     sequence: str | None = None,
     set_: Set = (),
     store: StoreFolder = None,
     json_: Json = False,
 ) -> int:
-    """Compute a stage and all after it anew, with changed parameters if given; artifacts of the old parameters stay."""
+    """Compute a stage and all after it anew, with changed parameters if given; artifacts of the old parameters stay.
+
+    Parameters
+    ----------
+    actor: Name of a folder below the data folder.
+    from_: First stage to compute again although its artifact is in the store.
+    with_effect: Name of an effect to add to those of cloth.effects, any number of times: the cloth is fitted again with it.
+    sequence: Which of the actor's sequences; may be left out when there is one.
+    """
     from flows.submission import Submission
 
+    if from_ is None and not with_effect:
+        raise Refused("nothing to do anew: name a stage (--from) or an effect (--with-effect)")
+    if with_effect:
+        set_ = (*set_, f"cloth.effects={','.join((*_settings(store, set_).cloth.effects, *with_effect))}")
     submission = Submission.prepare(actor, sequence, until="report", overrides=set_, store=store, console=ERR)
-    submission.forget_from(from_)
+    if from_ is not None:
+        submission.forget_from(from_)
     return _show_ending(submission.run(), json_)
 
 

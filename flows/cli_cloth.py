@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
+from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
@@ -31,6 +32,7 @@ def fit(
     substeps: int = 4,
     at_rest: Annotated[bool, Parameter(name="--at-rest", negative="")] = False,
     profiles: Annotated[bool, Parameter(name="--profiles", negative="")] = False,
+    with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
     store: Annotated[Path | None, Parameter(name="--store")] = None,
@@ -49,6 +51,7 @@ def fit(
     substeps: Time steps per frame; Algorithm 1 takes one.
     at_rest: The garment is still in its first frame.
     profiles: Also simulate the loss along each parameter and along the direction that motion does not fix.
+    with_effect: Name of an effect that the model has beside the base, any number of times; its strength is fitted too.
     fps: Frames per second, where the file does not say.
     up: Which axis points up, where the file does not say.
     """
@@ -57,20 +60,26 @@ def fit(
 
     if not track.exists():
         raise BadInput([Fault(str(track), "there is no such file or folder", "Give an NPZ of tracked geometry, or a folder of meshes.")])
-    parameters = TrackParameters(
-        track=track,
-        method=method,
-        as_released=as_released,
-        boundary=boundary,
-        frames=frames,
-        iterations=iterations,
-        substeps=substeps,
-        at_rest=at_rest,
-        profiles=profiles,
-        fps=fps,
-        up=up,
-    )
-    opened, messages = Store(load(places={"store": store}).store), Console(stderr=True)
+    settings = load(places={"store": store})
+    try:
+        parameters = TrackParameters(
+            track=track,
+            method=method,
+            as_released=as_released,
+            boundary=boundary,
+            frames=frames,
+            iterations=iterations,
+            substeps=substeps,
+            at_rest=at_rest,
+            profiles=profiles,
+            effects_folder=settings.effects_folder if with_effect else None,
+            effects=with_effect,
+            fps=fps,
+            up=up,
+        )
+    except ValidationError as error:
+        raise BadInput(Fault(f"{e['loc'][0]}", e["msg"], "See `physavatar cloth fit --help`.") for e in error.errors()) from None
+    opened, messages = Store(settings.store), Console(stderr=True)
     outcome = track_fit.run(
         opened,
         TRACKS,

@@ -23,6 +23,8 @@ def exam(
     seed: int = 0,
     split: Split = "open",
     out: Path = Path("exam"),
+    rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
+    rival: Annotated[tuple[str, ...], Parameter(name="--rival", negative="")] = (),
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Make recordings with a hidden cause, let `gap run` name it, and score the answers. What was done before is kept.
@@ -33,20 +35,25 @@ def exam(
     seed: Which set of cases.
     split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
     out: Folder of this exam.
+    rivals: Let all rivals answer as well; slow ones a third of the cases.
+    rival: Names of rivals that answer as well.
     json_: Machine-readable JSON on stdout.
     """
     from flows import exam as blind
+    from flows.exam_rival import chosen
+    from tasks.exam.rivals import library
     from tasks.exam.scorer.page import page
 
     folder = out / f"{split}-{seed}" if split == "open" else out / f"sealed-{seed}-{blind.version()[:12]}"
     sitting = blind.Exam(blind.Folder(folder), cases, seed, split)
-    result = blind.sit(sitting, say=lambda line: ERR.print(line, markup=False, highlight=False))
+    beside = chosen(tuple(library.rivals()) if rivals else rival)
+    result = blind.sit(sitting, rivals=beside, say=lambda line: ERR.print(line, markup=False, highlight=False))
     (folder / "exam.html").write_text(page(result))
     (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
     else:
-        _show(result["figures"])
+        _show(result)
         ERR.print(f"page: {folder / 'exam.html'}", markup=False)
     return OK if result["rows"] else STAGE_FAILED
 
@@ -71,9 +78,48 @@ def generate(*, cases: int, out: Path, seed: int = 0, first: int = 0) -> int:
     return OK
 
 
-def _show(figures: list[dict[str, Any]]) -> None:
+@app.command
+def rival(
+    name: str,
+    *tracks: Path,
+    predict: Annotated[Path, Parameter(name="--predict")],
+    out: Annotated[Path, Parameter(name="--out")],
+    without: Annotated[tuple[str, ...], Parameter(name="--without", negative="")] = (),
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Let a rival of the diagnosis answer what `gap run` would.
+
+    Parameters
+    ----------
+    name: Of the rival.
+    tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
+    predict: A recording whose garment is known in its first two frames only.
+    out: Where its prediction goes: NPZ with `before` and `after`, [T, V, 3] m.
+    without: Names of effects to leave out of the library.
+    json_: Machine-readable JSON on stdout.
+    """
+    from flows.exam_rival import run
+
+    found = run(name, tracks, predict=predict, out=out, without=without)
+    sys.stdout.write((json.dumps(found, indent=1, allow_nan=False) if json_ else found["verdict"]["sentence"]) + "\n")
+    return OK
+
+
+def _show(result: dict[str, Any]) -> None:
+    from tasks.exam.scorer.beside import columns
+
     table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold")
-    for f in figures:
+    for f in result["figures"]:
         spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
-        table.add_row(f["metric"], "–" if f["value"] is None else f"{f['value']:.3g}", spread, str(f["cases"]))
+        table.add_row(f["metric"], _number(f["value"]), spread, str(f["cases"]))
     OUT.print(table)
+    if result["rivals"]:
+        beside = columns(result)
+        table = Table("metric", *beside, box=None, header_style="bold")
+        for f in result["figures"]:
+            table.add_row(f["metric"], *(_number(values.get(f["metric"])) for values in beside.values()))
+        OUT.print(table)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,7 +59,7 @@ def run(
     held_out: Further recordings, read only when the verdict is fixed; without any, the last part of each recording is kept.
     predict: A recording whose garment is known in its first two frames only.
     out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
-    quick: Fewer refits.
+    quick: On at most 800 of the garment's vertices, with fewer refits; a prediction still is of all of them.
     without: Names of effects to leave out of the library.
     report: An HTML page that shows the verdict and what it rests on; everything as JSON goes beside it.
     """
@@ -66,7 +67,12 @@ def run(
 
     messages = Console(stderr=True)
     request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder, report)
-    found, _ = gap.run(request, tell=lambda text: messages.print(text, style="dim", markup=False, highlight=False))
+    start = time.monotonic()
+
+    def tell(text: str) -> None:
+        messages.print(f"{time.monotonic() - start:5.0f} s  {text}", style="dim", markup=False, highlight=False)
+
+    found, _ = gap.run(request, tell=tell)
     return _tell(found, json_)
 
 

@@ -2,6 +2,7 @@
 
     FOLDER/cases/case-0007/           train-1.npz train-2.npz blind.npz truth.sha256 [withheld]     what the diagnosis may read
     FOLDER/answers/case-0007/         answer.json pred.npz stderr.txt                               what it answered
+    FOLDER/answers-chance/case-0007/  the same of a rival
     FOLDER/sealed.truth/case-0007/    truth.json held-out.npz                                       what only the scorer opens
 
 An open exam takes its seed from the user and serves tuning. The seed of a sealed one is drawn from the code that is examined: whoever changes
@@ -26,6 +27,7 @@ import numpy as np
 from tasks.exam.generator.making import Made, make
 from tasks.exam.generator.strata import Question, questions
 from tasks.exam.generator.subject import Unmakeable
+from tasks.exam.rivals.rival import Rival
 from tasks.exam.scorer.case import closing, score
 from tasks.exam.scorer.summary import summary
 
@@ -34,6 +36,7 @@ EXAMINED = ("tasks/simulator", "tasks/effects", "tasks/cloth", "tasks/gap")
 SCOREBOARD = ROOT / "docs" / "exam-scoreboard.jsonl"
 OPEN_FILES = ("train-1.npz", "train-2.npz", "blind.npz")
 LIMIT_S = 1800  # wall-clock seconds of one diagnosis
+THIRD = 3  # slow rivals answer the cases whose number this divides
 Split = Literal["open", "sealed"]
 Row = dict[str, Any]
 
@@ -48,9 +51,9 @@ class Folder:
         """What the diagnosis may read."""
         return self.root / "cases" / f"case-{number:04d}"
 
-    def answer(self, number: int) -> Path:
-        """What the diagnosis answered."""
-        return self.root / "answers" / f"case-{number:04d}"
+    def answer(self, number: int, rival: str | None = None) -> Path:
+        """What the diagnosis answered, or a rival."""
+        return self.root / ("answers" if rival is None else f"answers-{rival}") / f"case-{number:04d}"
 
     def sealed(self, number: int) -> Path:
         """What only the scorer may read; the ending of the folder above closes it to every diagnosis."""
@@ -135,9 +138,9 @@ def generate(folder: Folder, wanted: Sequence[Question]) -> Iterator[tuple[int, 
             yield question.number, "made"
 
 
-def diagnose(folder: Folder, number: int) -> None:
-    """Let `physavatar gap run` answer a case, from a copy of its recordings in a folder of its own."""
-    out = folder.answer(number)
+def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:
+    """Let `physavatar gap run`, or a rival, answer a case, from a copy of its recordings in a folder of its own."""
+    out = folder.answer(number, rival)
     if (out / "answer.json").exists():
         return
     out.mkdir(parents=True, exist_ok=True)
@@ -151,8 +154,7 @@ def diagnose(folder: Folder, number: int) -> None:
             sys.executable,
             "-m",
             "flows.exam_candidate",
-            "gap",
-            "run",
+            *(["gap", "run"] if rival is None else ["exam", "rival", rival]),
             *OPEN_FILES[:2],
             "--predict",
             OPEN_FILES[2],
@@ -171,9 +173,9 @@ def diagnose(folder: Folder, number: int) -> None:
     _write_json(out / "answer.json", answer)
 
 
-def mark(folder: Folder, number: int) -> Row:
-    """The row of a case that was diagnosed. Raises ValueError if its truth was touched."""
-    truth, out = folder.truth(number), folder.answer(number)
+def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
+    """The row of a case that was answered. Raises ValueError if its truth was touched."""
+    truth, out = folder.truth(number), folder.answer(number, rival)
     answer = json.loads((out / "answer.json").read_text())
     predicted = out / "pred.npz"
     prediction = dict(np.load(predicted, allow_pickle=False)) if answer is not None and predicted.exists() else None
@@ -181,39 +183,73 @@ def mark(folder: Folder, number: int) -> Row:
     return score(truth, answer) | closing(prediction, held_out, truth["floor_mm"] / 1e3)
 
 
-def sit(exam: Exam, *, scoreboard: Path = SCOREBOARD, say: Callable[[str], None] = lambda _: None) -> Row:
-    """Make, diagnose and score all cases; of a sealed exam the attempt is added to the scoreboard and the pool of the version returned."""
+def sit(exam: Exam, *, rivals: Sequence[Rival] = (), scoreboard: Path = SCOREBOARD, say: Callable[[str], None] = lambda _: None) -> Row:
+    """Make, diagnose and score all cases, then let rivals answer them.
+
+    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned.
+    """
     wanted = exam.questions()
     for number, what in generate(exam.folder, wanted):
         say(f"case {number}: {what}")
         if exam.folder.made(number):
             diagnose(exam.folder, number)
-    rows = [mark(exam.folder, q.number) for q in wanted if exam.folder.made(q.number)]
-    left_out = [q.number for q in wanted if not exam.folder.made(q.number)]
-    if exam.split == "open":
-        return _result(exam.split, None, rows, left_out)
+    made = [q.number for q in wanted if exam.folder.made(q.number)]
+    left_out = [q.number for q in wanted if q.number not in made]
     attempt = {"version": version(), "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}
+    attempt |= {"left_out": left_out, "cases": [mark(exam.folder, number) for number in made]}
+    attempt["rivals"] = {rival.name: _answered(exam.folder, made, rival, say) for rival in rivals}
+    if exam.split == "open":
+        return _result(exam.split, None, [attempt], left_out)
     scoreboard.parent.mkdir(parents=True, exist_ok=True)
     with scoreboard.open("a") as board:
-        board.write(json.dumps(attempt | {"left_out": left_out, "cases": rows}) + "\n")
-    return _result(exam.split, attempt["version"], pooled(scoreboard, attempt["version"]), left_out)
+        board.write(json.dumps(attempt) + "\n")
+    return _result(exam.split, attempt["version"], attempts(scoreboard, attempt["version"]), left_out)
 
 
-def pooled(scoreboard: Path, of: str) -> list[Row]:
-    """Rows of all attempts of a version, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
-    if not scoreboard.exists():
-        return []
-    attempts = [json.loads(line) for line in scoreboard.read_text().splitlines()]
-    first: dict[tuple, Row] = {}
+def _answered(folder: Folder, numbers: Sequence[int], rival: Rival, say: Callable[[str], None]) -> list[Row]:
+    """Rows of a rival: of all cases, or of a third where it is slow."""
+    rows = []
+    for number in numbers:
+        if not rival.slow or number % THIRD == 0:
+            say(f"case {number}: {rival.name}")
+            diagnose(folder, number, rival.name)
+            rows.append(mark(folder, number, rival.name))
+    return rows
+
+
+def attempts(scoreboard: Path, of: str) -> list[Row]:
+    """All attempts of a version."""
+    lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
+    return [attempt for attempt in map(json.loads, lines) if attempt["version"] == of]
+
+
+def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, ...], Row]:
+    """Rows of all attempts, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
+    first: dict[tuple[int, ...], Row] = {}
     for attempt in attempts:
-        if attempt["version"] == of:
-            for row in attempt["cases"]:
-                first.setdefault((attempt["seed"], attempt["count"], row["number"]), row)
-    return list(first.values())
+        for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
+            first.setdefault((attempt["seed"], attempt["count"], row["number"]), row)
+    return first
 
 
-def _result(split: Split, of: str | None, rows: list[Row], left_out: list[int]) -> Row:
-    return {"split": split, "version": of, "cases": len(rows), "left_out": left_out, "figures": summary(rows), "rows": rows}
+def _result(split: Split, of: str | None, attempts: list[Row], left_out: list[int]) -> Row:
+    """Figures of the diagnosis; of each rival, its own and the diagnosis' on the cases that it answered."""
+    ours = pooled(attempts)
+    rivals = {}
+    for name in dict.fromkeys(name for attempt in attempts for name in attempt.get("rivals", {})):
+        theirs = pooled(attempts, name)
+        same = summary([ours[case] for case in theirs])
+        rivals[name] = {"cases": len(theirs), "figures": summary(list(theirs.values())), "ours": same, "rows": list(theirs.values())}
+    rows = list(ours.values())
+    return {
+        "split": split,
+        "version": of,
+        "cases": len(rows),
+        "left_out": left_out,
+        "figures": summary(rows),
+        "rivals": rivals,
+        "rows": rows,
+    }
 
 
 def _run(command: list[str], place: Path) -> tuple[str, str, int]:

@@ -11,15 +11,18 @@ from typing import Any
 import numpy as np
 
 from storage_schemas.durable import replace_file
-from tasks.capture.tracked_geometry import read_tracked_geometry
+from tasks.capture.tracked_geometry import TrackedGeometry, read_tracked_geometry
 from tasks.child_process import Pool
 from tasks.cloth.windows import Recording
+from tasks.effects.effect import Effect
 from tasks.effects.library import library, suspects
+from tasks.effects.named import named
 from tasks.gap.answer import answer
 from tasks.gap.blind import predicted
+from tasks.gap.coarse_garment import coarse_garment, whole_garment
 from tasks.gap.diagnosis import Diagnosis, diagnose
 from tasks.gap.garment_recordings import garment_recordings, recording
-from tasks.geometry.faults import BadInput, Fault
+from tasks.geometry.faults import BadInput, Fault, refuse
 
 LIMIT_S = 1800.0  # of one window
 
@@ -44,24 +47,25 @@ class Request:
 def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tuple[dict[str, Any], Diagnosis]:
     """The answer as JSON, and what it rests on. Raises BadInput before any work starts."""
     start = time.perf_counter()
-    _check(request)
-    effects = _effects(request)
-    garment = garment_recordings([read_tracked_geometry(p) for p in request.tracks], [str(p) for p in request.tracks])
-    blind = (
-        None if request.predict is None else recording(read_tracked_geometry(request.predict), str(request.predict), garment, blind=True)
-    )
+    effects, tracks, unseen = _inputs(request)
+    garment = garment_recordings(list(tracks.values()), list(tracks), blind=unseen)
+    blind = None if unseen is None else recording(*unseen, garment, blind=True)
+    for said in (w for track in tracks.values() for w in track.warnings):
+        tell(said)
+    work = coarse_garment(garment) if request.quick else whole_garment(garment)
 
     kept = []
 
     def held_out():
-        kept.extend(recording(read_tracked_geometry(p), str(p), garment) for p in request.held_out)
+        kept.extend(work.recording(recording(read_tracked_geometry(p), str(p), garment)) for p in request.held_out)
         return kept
 
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
         found = diagnose(
-            garment.model,
-            garment.recordings,
+            work.garment.model,
+            work.garment.recordings,
             effects,
+            contact_doubt=work.garment.contact_doubt,
             held_out=held_out if request.held_out else None,
             quick=request.quick,
             run=pool.map,
@@ -69,12 +73,12 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
         )
         if blind is not None:
             tell("blind prediction")
-            before, after = pool.map(_predicted, [(found.base, blind), (found.named, blind)])
+            before, after = pool.map(_predicted, [(work.on_whole(model), blind) for model in (found.base, found.named)])
             np.savez_compressed(request.out, before=before.astype(np.float32), after=after.astype(np.float32))
-    told = answer(found, seconds=time.perf_counter() - start)
+    told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
-        _write_report(request, told, found, garment.recordings, kept or None)
+        _write_report(request, told, found, work.garment.recordings, kept or None)
     return told, found
 
 
@@ -97,21 +101,37 @@ def _predicted(job):
     return predicted(*job)
 
 
-def _effects(request: Request):
+def _inputs(request: Request) -> tuple[list[Effect], dict[str, TrackedGeometry], tuple[TrackedGeometry, str] | None]:
+    """The suspects, the recordings to learn from by name, and the blind one with its name. Raises BadInput with what is wrong with any of them."""
+    read, faults, left_out = {}, _faults(request), ()
     known = library(request.plugins)
-    unknown = [n for n in request.without if n not in known]
-    if unknown:
-        raise BadInput([Fault("--without", f"there is no effect {n!r}", "See `physavatar effects`.") for n in unknown])
-    return suspects(e for name, e in known.items() if name not in request.without)
+    try:
+        left_out = named(request.without, known, "--without")
+    except BadInput as bad:
+        faults += bad.faults
+    for path in dict.fromkeys([*request.tracks, *([request.predict] if request.predict else [])]):
+        if not path.exists():
+            continue
+        try:
+            read[path] = read_tracked_geometry(path)
+        except BadInput as bad:
+            faults += bad.faults
+    refuse(faults)
+    tracks = {str(p): read[p] for p in request.tracks}
+    unseen = (read[request.predict], str(request.predict)) if request.predict else None
+    return suspects(e for e in known.values() if e not in left_out), tracks, unseen
 
 
-def _check(request: Request) -> None:
+def _faults(request: Request) -> list[Fault]:
+    """What is wrong with the request, files unread."""
     files: Sequence[Path] = [*request.tracks, *request.held_out, *([request.predict] if request.predict else [])]
     faults = [
         Fault(str(p), "there is no such file or folder", "Give an NPZ of tracked geometry, or a folder of meshes.")
         for p in files
         if not p.exists()
     ]
+    if not request.tracks:
+        faults.append(Fault("gap run", "names no recording", "Give at least one NPZ or folder."))
     if (request.predict is None) != (request.out is None):
         faults.append(Fault("--predict and --out", "one is given without the other", "Give both."))
     if request.out is not None and not request.out.parent.is_dir():
@@ -120,5 +140,4 @@ def _check(request: Request) -> None:
         faults.append(Fault(f"--report {request.report}", "does not end in .html", "Name an HTML page; its JSON goes beside it."))
     if request.report is not None and not request.report.parent.is_dir():
         faults.append(Fault(f"--report {request.report}", "its folder does not exist", "Create it, or choose another."))
-    if faults:
-        raise BadInput(faults)
+    return faults

@@ -3,7 +3,8 @@
 * `vertices_index` MUST be the number, in the tracked surface, of each simulated vertex; `faces` count simulated vertices.
 * `boundary` marks vertices whose motion was prescribed.
 * `parameters` MUST name only garments of `garment_names`; every estimate has a unit. Without air, motion depends only on
-  ratios to the density: what is not identified has no value, and `low` and `high` are then None too.
+  ratios to the density: what is not identified has no value, and `low` and `high` are then None too. Effects that the model has beside
+  the base are parameters too, one per strength and under its name (`air_normal_drag`, `air_wind.w_x`); `simulated` is with them.
 * `loss_history`, `timing` [s] and `endings` tell how the estimation went.
 * `knowledge` tells, per garment, what bounds the estimates besides their intervals: the gauge, other intervals, what a choice changes.
 """

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.capture.hang_checks import hang_warnings
 from tasks.capture.npz import read_npz
 from tasks.capture.recording import Y_UP, up_faults
 from tasks.capture.template import read_mesh
@@ -78,6 +79,7 @@ def tracked_geometry(arrays: dict[str, np.ndarray], *, name: str) -> TrackedGeom
     faults += tracked_faults(arrays, name)
     up = str(arrays.get("up", "y"))
     refuse([*faults, *up_faults(up, f"{name}: up")])
+    warnings += hang_warnings(arrays, name)
     a = arrays
     T, V = _frames_and_vertices(a)
     vertices = _float(a["vertices"]) if "vertices" in a else np.full((T, V, 3), np.nan)

@@ -1,6 +1,7 @@
 """What can be wrong with the arrays of a tracked garment; every array is looked at before anything is refused.
 
-Shapes are written with named axes, which must agree between arrays. Values are looked at only where the shapes hold.
+Shapes are written with named axes, which must agree between arrays. Values are looked at only where the shape holds, and the surface only where the values
+do: an array that is faulty by itself is left out of what follows, the others are not.
 """
 
 import json
@@ -8,6 +9,8 @@ import math
 
 import numpy as np
 
+from tasks.capture.hang_checks import hang_faults
+from tasks.capture.pattern_checks import pattern_faults
 from tasks.geometry.faults import Fault
 from tasks.geometry.meshes import mesh_faults
 
@@ -45,10 +48,15 @@ def tracked_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
     """Every fault of these arrays, keyed as in `tracked_geometry`."""
     size, faults = _shape_faults(arrays, name)
     faults += _presence_faults(arrays, name)
-    if faults:
-        return faults
-    faults = _scalar_faults(arrays, name) + _index_faults(arrays, name, size) + _value_faults(arrays, name)
-    return faults or _surface_faults(arrays, name)
+    sound = _without_faulty(arrays, faults, name)
+    faults += _scalar_faults(sound, name) + _index_faults(sound, name, size) + _value_faults(sound, name)
+    sound = _without_faulty(sound, faults, name)
+    return faults + _surface_faults(sound, name) + _motion_faults(sound, name)
+
+
+def _without_faulty(arrays: dict[str, np.ndarray], faults: list[Fault], name: str) -> dict[str, np.ndarray]:
+    faulty = {fault.where.removeprefix(f"{name}: ") for fault in faults}
+    return {key: array for key, array in arrays.items() if key in KEYS and key not in faulty}
 
 
 def _shape_faults(arrays: dict[str, np.ndarray], name: str) -> tuple[dict[str, int], list[Fault]]:
@@ -116,10 +124,10 @@ def _is_json_object(text: str) -> bool:
 def _index_faults(arrays: dict[str, np.ndarray], name: str, size: dict[str, int]) -> list[Fault]:
     faults = []
     for key, axis in (("faces", "V"), ("collider_faces", "C"), ("boundary", "V"), ("marker_faces", "F")):
-        index = arrays.get(key, np.zeros(0, int))
+        index = arrays.get(key, np.zeros(0, int)) if axis in size else np.zeros(0, int)
         wild = index[(index < 0) | (index >= size.get(axis, 0))]
         if len(wild):
-            faults.append(Fault(f"{name}: {key}", f"names {wild[0]} but there are {size.get(axis, 0)}", "Indices count from 0."))
+            faults.append(Fault(f"{name}: {key}", f"names {wild[0]} but there are {size[axis]}", "Indices count from 0."))
     if "boundary" in arrays and len(np.unique(arrays["boundary"])) < len(arrays["boundary"]):
         faults.append(Fault(f"{name}: boundary", "names a vertex twice", "Name each boundary vertex once."))
     return faults
@@ -135,11 +143,7 @@ def _value_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
             faults.append(Fault(f"{name}: {key}", f"holds lengths above {FARTHEST:g} m", "Lengths must be in metres; rescale the file."))
     for key in ("collider_vertices", "rest_vertices", "uv", "noise_m", "clamp_force", "marker_barycentric"):
         if key in arrays and not np.isfinite(arrays[key]).all():
-            faults.append(
-                Fault(
-                    f"{name}: {key}", f"{np.count_nonzero(~np.isfinite(arrays[key]))} values are not finite", "It must be known everywhere."
-                )
-            )
+            faults.append(Fault(f"{name}: {key}", _not_finite(key, arrays[key]), "It must be known everywhere."))
     faults += _observed_faults(arrays, name) + _noise_faults(arrays, name)
     b = arrays.get("marker_barycentric")
     if b is not None and np.isfinite(b).all() and ((np.abs(b) > 10).any() or (np.abs(b.sum(1) - 1) > 1e-4).any()):
@@ -151,6 +155,16 @@ def _value_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
             )
         )
     return faults
+
+
+def _not_finite(key: str, array: np.ndarray) -> str:
+    """How many values, and of an array over time in which frames."""
+    wild = ~np.isfinite(array)
+    said = f"{np.count_nonzero(wild)} values are not finite"
+    if (AXES[key] or ("",))[0] != "T":
+        return said
+    frames = np.flatnonzero(wild.reshape(len(array), -1).any(1))
+    return f"{said}, in {len(frames)} of {len(array)} frames, the first is frame {frames[0]}"
 
 
 def _observed_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
@@ -193,18 +207,33 @@ def _noise_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
 
 
 def _surface_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
-    """The garment and the collider as meshes in metres, and how fast they move."""
-    faults = []
-    x, faces = arrays.get("vertices"), arrays["faces"]
-    surface = arrays.get("rest_vertices")
-    if surface is None and np.isfinite(x).all((1, 2)).any():
-        surface = x[np.flatnonzero(np.isfinite(x).all((1, 2)))[0]]
-    if surface is not None:
-        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), name)
-    elif not faults:
+    """The garment, its pattern and the collider as meshes in metres."""
+    faults, faces = [], arrays.get("faces")
+    surface = _surface(arrays)
+    if surface is None and faces is not None and "vertices" in arrays and "rest_vertices" not in arrays:
         faults.append(Fault(name, "no frame shows the whole garment and there is no rest shape", "Give rest_vertices."))
-    if "collider_vertices" in arrays and np.isfinite(arrays["collider_vertices"]).all():
+    if faces is not None and surface is not None:
+        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), name)
+    if faces is not None and "uv" in arrays and not faults:
+        faults += pattern_faults(arrays["uv"].astype(float), faces.astype(np.int64), surface, name)
+    if "collider_vertices" in arrays and "collider_faces" in arrays:
         faults += mesh_faults(arrays["collider_vertices"][0].astype(float), arrays["collider_faces"].astype(np.int64), f"{name}: collider")
+    return faults
+
+
+def _surface(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
+    """The rest shape, or the first frame that shows everything [V, 3] m."""
+    if "rest_vertices" in arrays or "vertices" not in arrays:
+        return arrays.get("rest_vertices")
+    whole = np.flatnonzero(np.isfinite(arrays["vertices"]).all((1, 2)))
+    return arrays["vertices"][whole[0]] if len(whole) else None
+
+
+def _motion_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
+    """How fast everything moves, and which way free cloth hangs."""
+    if "fps" not in arrays:
+        return []
+    faults = []
     for key in ("vertices", "collider_vertices", "markers"):
         if key in arrays and len(arrays[key]) > 1:
             step = np.linalg.norm(np.diff(arrays[key].astype(float), axis=0), axis=2) * float(arrays["fps"])
@@ -213,4 +242,4 @@ def _surface_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
                 t, v = np.unravel_index(step.argmax(), step.shape)
                 what = f"point {v} moves at {step.max():.4g} m/s after frame {t}"
                 faults.append(Fault(f"{name}: {key}", what, "Check the unit (metres), fps and the order of frames."))
-    return faults
+    return faults or hang_faults(arrays, name)

@@ -4,15 +4,21 @@ Without air every term of the base model is proportional to one of (ρ, κ_s, κ
 for every c > 0. That gauge direction is not estimated: ratios to the density are, and a weight turns them into stiffnesses.
 
     κ_s/ρ, κ_b/ρ  [m³/kg],      E t/ρ̄ [m²/s²],  B/ρ̄ [m⁴/s²] with the areal density ρ̄
+
+Where effects were added to the base model, their strengths stand beside these, under the effects' columns (`air_normal_drag`, `air_wind.w_x`).
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.gauss_newton import BOUNDS, PARAMETERS, Fit, logarithms
+from tasks.cloth.joint_refit import CompletedFit
 from tasks.cloth.scene import Scene
+from tasks.effects.effect import Effect, Strength
+from tasks.geometry.faults import Fault, refuse
 from tasks.geometry.meshes import edges
 from tasks.simulator import Fabric
 
@@ -22,6 +28,7 @@ GRAVITY = 9.81
 LEAST_KNOWN = np.log(10)  # a 90 % interval wider than this factor both ways is no estimate
 UNITS = {"log_membrane": ("kappa_s_over_rho", "m3/kg"), "log_bending": ("kappa_b_over_rho", "m3/kg")}
 PLAIN_UNITS = {"log_membrane": ("stretch_over_areal_density", "m2/s2"), "log_bending": ("bending_over_areal_density", "m4/s2")}
+BASE = {key for key, _ in (*UNITS.values(), *PLAIN_UNITS.values())} | {"density", "areal_density"}
 GAUGE = (
     "motion is the same for (c ρ, c κ_s, c κ_b) with any c > 0: this direction is not estimated, only κ_s/ρ and κ_b/ρ are. "
     "A weight of the garment (mass_kg) fixes it."
@@ -38,7 +45,18 @@ def estimates(scene: Scene, fit: Fit, *, weighed: bool = False) -> dict[str, dic
         doubt = _doubt(scene, fit, p)
         for (key, unit), value in ((UNITS[name], _ratio(fit.fabric, name)), (PLAIN_UNITS[name], _plain(fit.fabric, name))):
             found[key] = _estimate(key, value, unit, fit.covariance[p, p], doubt)
-    return found | densities(fit.fabric, weighed=weighed)
+    return found | densities(fit.fabric, weighed=weighed) | _strengths(fit)
+
+
+def added_effects(
+    said: Mapping[str, Mapping[str, Any]], known: Mapping[str, Effect]
+) -> tuple[tuple[Effect, ...], dict[str, NDArray[np.float64]]]:
+    """The effects, among the `known` ones, that estimates speak of, and name -> their strengths [K]. Raises BadInput for one that is not among them."""
+    effects = tuple(e for e in known.values() if all(column in said for column in e.columns))
+    strange = said.keys() - BASE - {column for e in effects for column in e.columns}
+    remedy = "Name the folder it came from as effects_folder here too."
+    refuse(Fault("cloth", f"its model has {column!r}, of no effect that is known", remedy) for column in sorted(strange))
+    return effects, {e.name: np.array([said[column]["value"] for column in e.columns]) for e in effects}
 
 
 def densities(fabric: Fabric, *, weighed: bool) -> dict[str, dict[str, Any]]:
@@ -100,6 +118,28 @@ def _estimate(key: str, value: float, unit: str, variance: float, doubt: str) ->
     low, high = value / spread, value * spread
     sentence = f"{key} = {value:.3g} {unit}, 90 % interval {low:.3g} to {high:.3g}"
     return {"value": value, "low": low, "high": high, "unit": unit, "sentence": sentence}
+
+
+def _strengths(fit: Fit) -> dict[str, dict[str, Any]]:
+    """Every effect's strengths; none where the model is the base alone."""
+    effects = fit.model.effects if isinstance(fit, CompletedFit) else ()
+    columns = [(e, k) for e in effects for k in range(len(e.strengths))]
+    return {
+        e.columns[k]: _strength(e.columns[k], e.strengths[k], float(fit.model.strength(e)[k]), fit.covariance[p, p], fit.ending)
+        for p, (e, k) in enumerate(columns, len(PARAMETERS))
+    }
+
+
+def _strength(column: str, s: Strength, value: float, variance: float, ending: str) -> dict[str, Any]:
+    """variance: in typical strengths squared."""
+    if not np.isfinite(variance):
+        return {"value": value, "low": None, "high": None, "unit": s.unit, "sentence": f"not estimated: {ending}"}
+    spread = Z90 * float(np.sqrt(variance)) * abs(s.typical)
+    low, high = value - spread, value + spread
+    sentence = f"{column} = {value:.3g} {s.unit}, 90 % interval {low:.3g} to {high:.3g}"
+    if min(value - s.low, s.high - value) < 1e-6 * abs(s.typical):
+        sentence += f"; at the end of its plausible range, {s.low:g} to {s.high:g}"
+    return {"value": value, "low": low, "high": high, "unit": s.unit, "sentence": sentence}
 
 
 def _doubt(scene: Scene, fit: Fit, p: int) -> str:

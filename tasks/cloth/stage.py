@@ -5,6 +5,7 @@ from itertools import count
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import ValidationInfo, field_validator
 
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
@@ -24,6 +25,9 @@ from tasks.cloth.scene import Scene, replay
 from tasks.cloth.tracked_scene import tracked_scene
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.cloth.worn_scene import worn_scene
+from tasks.effects.effect import Effect
+from tasks.effects.library import library, suspects
+from tasks.effects.named import named
 from tasks.geometry.faults import BadInput, Fault
 from tasks.simulator import Fabric, Settings
 from tasks.skinning.linear_blend import repose
@@ -35,6 +39,7 @@ GAUSS_NEWTON_ITERATIONS = 4
 class FitParameters(Parameters):
     """How a fabric is fitted. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4 by tangents, 100 by differences.
 
+    effects: names of effects that the model has beside the base, of the library or of effects_folder; their strengths are fitted too.
     attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
     """
 
@@ -52,6 +57,20 @@ class FitParameters(Parameters):
     attempts: int = 3
     frame_s: float = 600.0
     limit_s: float = 3600.0
+    effects_folder: Folder = None
+    effects: tuple[str, ...] = ()
+
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _one_name_is_a_list(cls, given: Any) -> Any:
+        return given.split(",") if isinstance(given, str) else given
+
+    @field_validator("effects")
+    @classmethod
+    def _known(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        if names and (info.data.get("method") == "adam-fd" or info.data.get("profiles")):
+            raise ValueError("effects are fitted by gauss-newton, and profiles are drawn of the base model: leave out one of the two")
+        return tuple(e.name for e in _effects(names, info.data.get("effects_folder"))) if names else ()
 
     @property
     def fabric(self) -> Fabric:
@@ -74,6 +93,11 @@ class TrackParameters(FitParameters):
     fps: float | None = None
     up: Literal["y", "z"] | None = None
     at_rest: bool = False
+
+
+def _effects(names: tuple[str, ...], folder: Folder) -> tuple[Effect, ...]:
+    known = library(folder)
+    return named(names, {e.name: e for e in suspects(known.values())}, "effects")
 
 
 @dataclass(frozen=True)
@@ -177,13 +201,15 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) ->
             save_fabric(saved, jobs[0].model.subject.fabric)
         return pool.map(function, jobs)
 
+    effects = _effects(parameters.effects, parameters.effects_folder)
     iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
+    most = iterations * (2 if effects else 1) + 1
 
     def tell(text: str) -> None:
-        job.progress(next(rounds) / (iterations + 1), f"{work.name}: {text}")
+        job.progress(next(rounds) / most, f"{work.name}: {text}")
 
-    found = fit_windows(scene, start, iterations=iterations, run=mapped, memory=memory, tell=tell)
-    known = knowledge(scene, found, objective=Windowed(pool.map), otherwise=work.otherwise, profiles=parameters.profiles)
+    found = fit_windows(scene, start, effects=effects, iterations=iterations, run=mapped, memory=memory, tell=tell)
+    known = knowledge(scene, found, objective=Windowed.of(found, pool.map), otherwise=work.otherwise, profiles=parameters.profiles)
     return scene, found, known
 
 

@@ -36,6 +36,7 @@ Driver = Literal["tracked", "skinned"]
 NOISE_M = 1e-3  # where the file gives none
 START = Fabric(320.0, 4.0, 60.0)
 FEWEST_FRAMES = 3
+LEAST_SEEN = 0.3  # share of the positions of vertices that are not driven
 POKE_M = 1e-3  # deeper than this, or than three standard deviations of the noise, the collider gives way
 
 
@@ -107,14 +108,22 @@ def tracked_scene(
 
 def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
     faults = []
-    whole = np.flatnonzero(np.isfinite(track.vertices).all((1, 2)))
-    if not np.isfinite(track.vertices).any():
+    known = np.isfinite(track.vertices).all(2)
+    whole, never = np.flatnonzero(known.all(1)), np.flatnonzero(~known.any(0))
+    share = float(np.delete(track.observed & known, track.boundary, 1).mean()) if len(track.boundary) < known.shape[1] else 1.0
+    if not known.any():
         faults.append(Fault(f"{name}: vertices", "are absent", "Fitting needs the tracked surface, not only markers."))
+    elif len(never):
+        what = f"{len(never)} of {known.shape[1]} are never seen, the first is vertex {never[0]}"
+        faults.append(Fault(f"{name}: vertices", what, "Cut the mesh to what was tracked, or give them in at least one frame."))
     elif not len(whole):
         faults.append(Fault(f"{name}: vertices", "no frame shows the whole garment", "Give one such frame to start from."))
     elif len(track.vertices) - whole[0] < FEWEST_FRAMES:
         left = len(track.vertices) - whole[0]
         faults.append(Fault(f"{name}: vertices", f"{left} frames from the first whole one on", f"Give at least {FEWEST_FRAMES}."))
+    if known.any() and share < LEAST_SEEN:
+        what = f"only {share:.0%} of the positions of vertices that are not driven are seen"
+        faults.append(Fault(f"{name}: vertices", what, f"Give frames that show at least {LEAST_SEEN:.0%}."))
     if driver == "skinned" and track.collider_vertices is None:
         faults.append(Fault(f"{name}: collider_vertices", "are absent", "Nodes can ride on a body only where there is one; use tracked."))
     known = {f.name for f in fields(Fabric)}

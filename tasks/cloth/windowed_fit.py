@@ -7,15 +7,20 @@ step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: th
 
 The price of windows is that a window says little about what takes long to happen. So where the replay of the whole stays within a few standard deviations of
 the recording once the windows are fitted, it is not chaotic, and the fit goes on with it (`gauss_newton.py`).
+
+Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and the whole is
+replayed with them (`completed_replay.py`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Progress, fit, loss, moved, rms_mm
+from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.numerics import corrected, finer_offset
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, with_fabric, without_state
@@ -23,7 +28,7 @@ from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, predict, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
-from tasks.effects.effect import Motion, Subject
+from tasks.effects.effect import Effect, Motion, Subject
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
 from tasks.simulator.newton import CONVERGED
@@ -39,21 +44,23 @@ def fit_windows(
     scene: Scene,
     fabric: Fabric,
     *,
+    effects: Sequence[Effect] = (),
     iterations: int = 8,
     run: Map = map,
     memory: FrameMemory = FORGETFUL,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
-    """Fit `PARAMETERS` from `fabric`; `run` maps over windows."""
+    """Fit `PARAMETERS` from `fabric`, and the strengths of `effects` with them (then a CompletedFit); `run` maps over windows."""
     jobs, ending = _jobs(scene, fabric)
     if not jobs:
         whole = replay(scene, fabric)
         return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
     found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+    if effects:
+        return _completed(scene, found, jobs, effects, iterations, run, tell)
     fabric, normal = _less_numerics(found, jobs, run)
     whole = replay(scene, fabric, memory=memory)
-    lost = sum(not e.prediction.complete for e in found.evidence)
-    reasons = (*((f"{lost} of {len(jobs)} windows could not be followed",) if lost else ()), *whole.reasons)
+    reasons = (*_lost(found, jobs), *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
     if whole.complete and loss(scene, whole) < 3 * FOLLOWED**2:
         polished = fit(scene, Progress(fabric), iterations=iterations, memory=memory)
@@ -61,12 +68,43 @@ def fit_windows(
     return Fit(fabric, normal, whole, history, found.ending, reasons)
 
 
+def _completed(
+    scene: Scene, found: BaseFit, jobs: list[Job], effects: Sequence[Effect], iterations: int, run: Map, tell: Callable[[str], None]
+) -> Fit:
+    """The base's refit gone on with the effects, and the replay with all of them."""
+    followed = _with_offsets(found, jobs, run)
+    if not followed:
+        ending = "no window can be followed, so no strength was fitted"
+        return Fit(found.model.subject.fabric, _nothing(), replay(scene, found.model.subject.fabric), found.history, ending)
+    joint = refit_jointly(found, followed, effects, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+    whole = replay_completed(scene, joint.model)
+    seen = replace(whole, x=joint.model.observed(whole.x))
+    last = {**joint.history[-1], "rms_mm": rms_mm(scene, seen)}
+    return CompletedFit(
+        joint.model.subject.fabric,
+        joint_normal(joint.model, joint.evidence, joint.prior),
+        whole,
+        (*found.history, *joint.history[:-1], last),
+        joint.ending,
+        (*_lost(found, jobs), *whole.reasons),
+        joint.model,
+    )
+
+
+def _lost(found: BaseFit, jobs: list[Job]) -> tuple[str, ...]:
+    lost = sum(not e.prediction.complete for e in found.evidence)
+    return (f"{lost} of {len(jobs)} windows could not be followed",) if lost else ()
+
+
+def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
+    """The windows that the refitted base follows on either mesh, with what the finer one adds."""
+    done = [replace(job, model=found.model) for job, e in zip(jobs, found.evidence) if e.prediction.complete]
+    return [replace(job, offset=d) for job, d in zip(done, run(_finer, done)) if d is not None]
+
+
 def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
     """The fabric after `NUMERIC_STEPS` further steps with what a finer computation adds, and what the windows say there."""
-    fabric = found.model.subject.fabric
-    done = [replace(job, model=found.model) for job, e in zip(jobs, found.evidence) if e.prediction.complete]
-    finer = list(run(_finer, done))
-    with_offset = [replace(job, offset=d) for job, d in zip(done, finer) if d is not None]
+    fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
     if not with_offset:
         return fabric, _normal(found.evidence, found.prior)
     for _ in range(NUMERIC_STEPS):
@@ -86,9 +124,18 @@ def _finer(job: Job) -> Array | None:
 
 @dataclass(frozen=True)
 class Windowed:
-    """What windows say of a fabric: the objective whose optimum `fit_windows` finds, for any scene like it."""
+    """What windows say of a fabric: the objective whose optimum `fit_windows` finds, for any scene like it.
+
+    like: a model whose effects act at their strengths, and in which the scene is then linearised too (None: the base alone).
+    """
 
     run: Map = field(default=map)
+    like: Model | None = None
+
+    @classmethod
+    def of(cls, found: Fit, run: Map) -> "Windowed":
+        """The objective that a fit is the optimum of."""
+        return cls(run, found.model if isinstance(found, CompletedFit) else None)
 
     def loss(self, scene: Scene, fabric: Fabric) -> float:
         """Mean of rᵀC⁻¹r; NaN where windows are lost."""
@@ -99,10 +146,14 @@ class Windowed:
 
     def normal(self, scene: Scene, fabric: Fabric) -> Normal:
         """Normal equations per window; NaN where none can be followed."""
-        return _normal(*self._followed(scene, fabric))
+        evidence, prior = self._followed(scene, fabric)
+        return _normal(evidence, prior) if self.like is None else joint_normal(self.like, evidence, prior)
 
     def _followed(self, scene: Scene, fabric: Fabric) -> tuple[list[Evidence], Prior]:
         jobs, _ = _jobs(scene, fabric)
+        if self.like is not None:
+            completed = replace(jobs[0].model, effects=self.like.effects, strengths=self.like.strengths) if jobs else None
+            jobs = [replace(job, model=completed, columns=True) for job in jobs]
         evidence = list(self.run(follow, jobs))
         return evidence, estimated_prior(evidence, _noise(scene))
 
@@ -111,7 +162,7 @@ def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
     """The windows of a scene; none, and why, where the cloth cannot be brought to where it was seen."""
     zone = np.full(len(scene.x0), "free", dtype="U8")
     model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), replace(scene.settings, yield_collider=False))
-    recording = Recording(Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
+    recording = Recording(scene.collider, Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
     if scene.settings.yield_collider:
         recording = with_yielded_collider(recording, model)
     known = states(model, recording.motion, recording.observed, _noise(scene))

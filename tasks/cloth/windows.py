@@ -22,6 +22,7 @@ from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import state_columns
 from tasks.effects.effect import Motion
 from tasks.effects.model import Model
+from tasks.simulator.cloth import Collider
 from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
@@ -31,8 +32,10 @@ LENGTH_S = 0.18  # [s] the start's error and the base's own chaos grow: at a thi
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one coordinate."""
+    """What was recorded: the collider and the motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one
+    coordinate. Recordings of one garment may have colliders of their own."""
 
+    collider: Collider
     motion: Motion
     observed: Array
     noise: Array
@@ -43,7 +46,11 @@ class Recording:
     def cut(self, frames: slice) -> "Recording":
         """Some of the frames."""
         motion = Motion(self.motion.collider[frames], self.motion.boundary[frames])
-        return Recording(motion, self.observed[frames], self.noise[frames])
+        return Recording(self.collider, motion, self.observed[frames], self.noise[frames])
+
+    def scene(self, model: Model) -> Model:
+        """The model before this recording's collider."""
+        return replace(model, subject=replace(model.subject, collider=self.collider))
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,7 @@ def predict(
     columns: bool = False,
 ) -> Prediction:
     """Simulate a window. parameters: base parameters, φ [K, V]: state modes, columns: effects, to differentiate by."""
+    model = recording.scene(model)
     motion, n = recording.cut(window.frames).motion, model.settings.substeps
     fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
     modes = state_columns(φ) if φ is not None else None

@@ -17,7 +17,7 @@ from tasks.simulator.yielding import give_way
 
 def with_yielded_collider(recording: Recording, model: Model) -> Recording:
     """The recording with its collider drawn in; the settings to simulate it with have `yield_collider` off."""
-    faces, settings = model.subject.collider.faces, model.settings
+    faces, settings = recording.collider.faces, model.settings
     if not len(faces):
         return recording
     clearance = 2 * settings.barrier_distance + settings.contact_offset

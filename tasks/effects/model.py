@@ -23,6 +23,10 @@ class Model:
     effects: tuple[Effect, ...] = ()
     strengths: Mapping[str, Array] = field(default_factory=dict)
 
+    def joined(self, effects: Sequence[Effect], strengths: Mapping[str, Array]) -> "Model":
+        """The model with further effects, and strengths of some of all."""
+        return replace(self, effects=(*self.effects, *effects), strengths={**self.strengths, **strengths})
+
     def strength(self, effect: Effect) -> Array:
         """θ [K] of an effect, zero where it is not given."""
         return np.asarray(self.strengths.get(effect.name, np.zeros(len(effect.strengths))), float)
@@ -70,6 +74,10 @@ class Model:
             collider_rest=motion.collider[0],
         )
         return (_with_columns(frame, sums, parameters) for frame in frames)
+
+    def driven(self, motion: Motion) -> Motion:
+        """What drives the cloth in truth, if the effects are right and `motion` is what was recorded of it."""
+        return self._driven(self._dressed(), motion)
 
     def observed(self, x: Array) -> Array:
         """What the tracker reports [T, V, 3] m of cloth at x [T, V, 3] m."""
@@ -124,7 +132,7 @@ class Model:
         for effect in self.effects:
             if "motion" in effect.acts_through and effect.kind != "rerun":
                 for column, plus, minus, δ in self._neighbours(effect):
-                    a, b = (m._driven(m._dressed(), motion) for m in (plus, minus))
+                    a, b = (m.driven(motion) for m in (plus, minus))
                     modes[column] = ((a.collider - b.collider) / (2 * δ), (a.boundary - b.boundary) / (2 * δ))
         return modes
 

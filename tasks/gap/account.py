@@ -71,7 +71,7 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
         return Account((), residual, found.vertex_accel, None, (), (), (), None, None, (), (), None, {}, {})
     shown = stretches(found, recordings, held_out)
     noise = float(np.median([np.median(r.noise) for r in recordings]))
-    singles = tuple(h for h in s.hypotheses if len(h.effects) == 1)
+    singles = s.hypotheses
     speed = speeds(s.evidence, fps)
     linear = s.windows.fit(named.effects) if named else None  # about the base, as the windows' columns are
     return Account(
@@ -85,7 +85,7 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
         before=spectrum([w.before for w in shown], fps, noise),
         after=spectrum([w.after for w in shown], fps, noise) if named else None,
         singles=singles,
-        pairs=tuple(h for h in s.hypotheses if len(h.effects) == 2),
+        pairs=found.pairs,
         confusability=confusability(s.windows, [h.effects[0] for h in singles[:COMPARED]]),
         constancy=_constancy(s, linear, speed, found.zone) if linear else {},
         rivals={
@@ -149,7 +149,9 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
                 for w in a.stretches
             ],
             "spectra": {"before": a.before and asdict(a.before), "after": a.after and asdict(a.after)},
-            "evidence": [{"effects": [e.name for e in h.effects], "score": h.score, "gains": h.gains} for h in (*a.singles, *a.pairs)],
+            "evidence": [
+                {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights]} for h in (*a.singles, *a.pairs)
+            ],
             "confusability": c and {**asdict(c), "testable": c.testable},
             "constancy": {grouping: {n: asdict(x) for n, x in own.items()} for grouping, own in a.constancy.items()},
             "rivals": {name: {grouping: asdict(x) for grouping, x in own.items()} for name, own in a.rivals.items()},

@@ -16,10 +16,11 @@ GIVEN = 2  # frames
 
 def predicted(model: Model, recording: Recording) -> Array:
     """x [T, V, 3] m from frame 0 on; the last state reached is held where the simulation ends early."""
+    model = recording.scene(model)
     subject, n, T = model.subject, model.settings.substeps, len(recording)
-    first = Recording(recording.motion, recording.observed, recording.noise).cut(slice(0, GIVEN))
+    first = recording.cut(slice(0, GIVEN))
     noise = float(np.median(first.noise))
-    found = states(replace(model, effects=(), strengths={}), first.motion, first.observed, noise)
+    found = states(replace(model, effects=(), strengths={}), model.driven(first.motion), first.observed, noise)
     x0 = found.x[0] if len(found.x) else filled(first.observed, subject.cloth.faces)[0][0]
     v0 = (found.x[1] - found.x[0]) * subject.fps if len(found.x) == GIVEN else np.zeros_like(x0)
     settings = replace(model.settings, substeps=1, yield_collider=True)  # where the cloth will be, nobody has seen

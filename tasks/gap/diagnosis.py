@@ -5,14 +5,15 @@
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.chord_shortening import chord_shortening
+from tasks.cloth.contact_sagitta import feigned_strengths
 from tasks.cloth.numerics import corrected, finer_offset, size
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, follow, moved, refit, with_fabric, without_state
 from tasks.cloth.start_state import States, states
@@ -22,19 +23,23 @@ from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
+from tasks.gap.confusability import confusability
 from tasks.gap.held_out import Shrinkage, shrinkage
-from tasks.gap.hypotheses import Fitted, Windows
-from tasks.gap.verdict import Candidate, Search, Verdict, judge, plausibility, withdrawn
+from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
+from tasks.gap.interpenetration import cleared
+from tasks.gap.verdict import Candidate, Twins, Verdict, judge, twins, withdrawn
 
 Array = NDArray[np.float64]
 
 MODES = 40  # smooth modes of the start state, times three directions, place and velocity
-START_NOISE = 1.5  # variance of a residual that noise explains, in noise variances: the start errs too
-NUMERICS = 3.0  # the same for the discretisation, in squares of the difference to the finer re-run
-ITERATIONS = 4  # of the base refit
-LEADERS = 4  # hypotheses that are refitted with the simulator
-CONTENDER = 0.05  # least probability of a class whose members are
-PARTNERS = 6  # leaders whose pairs are tried
+NUMERICS = 1.5  # misfit that the discretisation may leave, in squares of the difference to the finer re-run
+TOLERATED = 0.05  # misfit per coordinate that wrongly stated noise may leave
+SHARPNESS = 3.0  # of the doubt that the library holds the cause
+ITERATIONS, FINAL = 5, 3  # of the base refit, on a few windows and then on all
+ROUGH = 4  # windows of the first rounds of the base refit
+LEADERS = 3  # hypotheses that are refitted with the simulator
+WORTH = 1.0  # least evidence of one that is,
+CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
 HELD = 0.3  # share of each recording kept for the end where no recording is given for it
 FEWEST_WINDOWS = 4  # of training windows that can be followed
 
@@ -67,7 +72,7 @@ class Diagnosis:
     """The answer and what it rests on.
 
     before, after [n, V, 3] m: residuals of the windows' frames, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
-    first recording; parameters: ratios of stiffness to density with intervals.
+    first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one.
     """
 
     verdict: Verdict
@@ -81,6 +86,7 @@ class Diagnosis:
     base: Model
     named: Model
     screened: Screened | None
+    pairs: tuple[Fitted, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,32 @@ def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Dat
 def _states(job: tuple[Model, Recording]) -> tuple[Recording, States]:
     model, recording = job
     recording = with_yielded_collider(recording, model)
-    return recording, states(model, recording.motion, recording.observed, float(np.median(recording.noise)))
+    return recording, states(recording.scene(model), recording.motion, recording.observed, float(np.median(recording.noise)))
+
+
+def roughly_refitted(model: Model, data: Data, run: Map = map, tell: Callable[[str], None] = lambda text: None) -> Model:
+    """The model after the first rounds of the base refit, on a few of the windows."""
+    few = data.only(data.windows[:: max(1, len(data.windows) // ROUGH)])
+    φ = smooth_modes(model.subject.cloth, MODES)
+    return refit(jobs(model, few, φ), noise=_noise(data.recordings), iterations=ITERATIONS, run=run, tell=tell).model
+
+
+def restated(model: Model, data: Data, run: Map = map) -> Data:
+    """The states that another model finds: cloth too soft keeps the noise as wrinkles, which make it look softer than it is."""
+    walked = list(run(_restate, [(model, r) for r in data.recordings]))
+    return replace(data, states=tuple(new if len(new.x) >= len(old.x) else old for new, old in zip(walked, data.states, strict=True)))
+
+
+def restarted(model: Model, data: Data, run: Map = map) -> Data:
+    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too."""
+    moved_body = any("motion" in e.acts_through and model.strength(e).any() for e in model.effects)
+    return restated(model, data, run) if moved_body else data
+
+
+def _restate(job: tuple[Model, Recording]) -> States:
+    model, recording = job
+    model = recording.scene(model)
+    return states(model, model.driven(recording.motion), recording.observed, float(np.median(recording.noise)))
 
 
 def split(data: Data) -> tuple[Data, Data]:
@@ -128,7 +159,8 @@ def screen(
     data: Data,
     effects: Sequence[Effect],
     *,
-    iterations: int = ITERATIONS,
+    feigned: Mapping[str, float] = NOWHERE,
+    iterations: int = FINAL,
     run: Map = map,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Screened:
@@ -142,11 +174,18 @@ def screen(
     tell("finer re-run")
     offsets = list(run(_offset, list(zip(jobs(base.model, data, φ), coarse, strict=True))))
     tell("tangents of all effects")
-    suspicious = replace(base.model, effects=tuple(effects))
+    suspicious = base.model.joined(effects, {})
     plain = jobs(suspicious, data, φ, columns=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offset=_known(o, x)) for job, o, x in zip(plain, offsets, coarse, strict=True)]))
-    compared = compress(evidence, base.prior, effects)
+    compared = compress(evidence, base.prior, effects, feigned)
     return Screened(base, evidence, compared, tuple(ranked(compared)))
+
+
+def feigned(model: Model, data: Data, contact_doubt: float) -> dict[str, float]:
+    """Column -> standard deviation of the strength that the coarse mesh alone may feign."""
+    scale = chord_shortening(model.subject.cloth, data.states, _noise(data.recordings))
+    found = feigned_strengths(data.recordings, contact_doubt, model.subject.fps)
+    return found | dict.fromkeys(("fabric_rest_scale", "observation_scale"), scale)
 
 
 def _offset(job: tuple[Job, Array]) -> Array | None:
@@ -157,17 +196,14 @@ def _known(offset: Array | None, coarse: Array) -> Array:
     return np.zeros_like(coarse[1:]) if offset is None else offset
 
 
-def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect]) -> Windows:
+def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], feigned: Mapping[str, float] = NOWHERE) -> Windows:
     """Normal equations with start state and numerics integrated out."""
-    return Windows([corrected(without_state(e.normals, prior)) for e in evidence if e.prediction.complete], effects)
+    return Windows([corrected(without_state(e.normals, prior)) for e in evidence if e.prediction.complete], effects, feigned=feigned)
 
 
 def ranked(compared: Windows) -> list[Fitted]:
-    """Singles, and pairs of the leading ones, best score first."""
-    singles = sorted((compared.fit([e]) for e in compared.effects), key=lambda f: -f.score)
-    leading = [f.effects[0] for f in singles[:PARTNERS] if f.score > 0]
-    pairs = [compared.fit(pair) for pair in combinations(leading, 2)]
-    return sorted([*singles, *pairs], key=lambda f: -f.score)
+    """Singles, strongest evidence first."""
+    return sorted((compared.fit([e]) for e in compared.effects), key=lambda f: -f.evidence)
 
 
 def refitted(
@@ -179,25 +215,24 @@ def refitted(
     """
     base, fabric = screened.base, (start or screened.base.model).subject.fabric
     model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
-    model = replace(model, effects=tuple(effects), strengths={e.name: hypothesis.θ(e) for e in hypothesis.effects})
+    model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
     φ = smooth_modes(model.subject.cloth, MODES)
-    data = data.only(e.prediction.window for e in screened.evidence)
+    data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
     todo = jobs(model, data, φ, columns=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offset=e.offset) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
-        return Refitted(replace(hypothesis, gains=np.full(len(evidence), -1.0)), model, evidence, None)
+        return Refitted(replace(hypothesis, weights=()), model, evidence, None)
     normals = [corrected(without_state(e.normals, base.prior)) for e in evidence]
-    after = screened.windows.about(normals, hypothesis.strengths).fit(hypothesis.effects)
-    return Refitted(after, model, evidence, Windows(normals, effects, hypothesis.strengths))
+    about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
+    return Refitted(about.fit(hypothesis.effects), model, evidence, about)
 
 
-def searched(named: Refitted) -> Search | None:
+def searched(named: Refitted) -> tuple[Fitted, ...]:
     """Second effects beside a single one that was simulated: what it leaves, they may explain."""
     if named.windows is None or len(named.hypothesis.effects) != 1:
-        return None
+        return ()
     own = named.hypothesis.effects[0]
-    pairs = tuple(named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
-    return Search(named.windows.fit([own]), pairs)
+    return tuple(named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
 
 
 def diagnose(
@@ -205,76 +240,103 @@ def diagnose(
     recordings: Sequence[Recording],
     effects: Sequence[Effect],
     *,
+    contact_doubt: float = 0.0,
     held_out: Callable[[], Sequence[Recording]] | None = None,
     quick: bool = False,
     run: Map = map,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed."""
+    """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed.
+
+    contact_doubt [m]: where contact may hold the cloth wrongly because the mesh is coarse.
+    """
     tell("states")
     data = gather(model, recordings, run)
     train, held = (data, None) if held_out is not None else split(data)
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
-    screened = screen(model, train, effects, run=run, tell=tell)
+    model = roughly_refitted(model, train, run, tell)
+    data = restated(model, data, run)
+    train, held = (data, None) if held_out is not None else split(data)
+    screened = screen(model, train, effects, feigned=feigned(model, train, contact_doubt), run=run, tell=tell)
     if len(screened.evidence) < FEWEST_WINDOWS:
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    verdict, named = _decided(screened, train, effects, unexplained(screened, _noise(recordings)), quick, run, tell)
+    verdict, named, pairs = _decided(screened, train, effects, _noise(recordings), quick, run, tell)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run) if held_out is not None else held
-    return _concluded(screened, verdict, named, train, kept, run)
+    return replace(_concluded(screened, verdict, named, train, kept, run), pairs=pairs)
 
 
 def _decided(
-    screened: Screened, train: Data, effects: Sequence[Effect], doubt: float, quick: bool, run: Map, tell: Callable[[str], None]
-) -> tuple[Verdict, Refitted]:
-    """The verdict after the leading hypotheses were simulated, and the named one as simulated last."""
-    verdict = judge(screened.hypotheses, unexplained=doubt)
-    nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
+    screened: Screened, train: Data, effects: Sequence[Effect], noise: float, quick: bool, run: Map, tell: Callable[[str], None]
+) -> tuple[Verdict, Refitted, tuple[Fitted, ...]]:
+    """The verdict after the leading hypotheses were simulated, the named one as simulated last, and the pairs that were weighed."""
+    cosines = confusability(screened.windows, screened.windows.effects)
+    seen = by_contact(screened, train, effects, noise)
+    chosen = contenders(screened.hypotheses, seen, 1 if quick else LEADERS, twins(cosines))
+    after = {h.name: _told(screened, train, h, effects, run, tell) for h in chosen}
+    singles = [after[h.name].hypothesis if h.name in after else h for h in screened.hypotheses]
+    leader = max(singles, key=lambda h: h.evidence)
+    pairs = searched(after[leader.name]) if leader.name in after else ()
+    verdict = judge(singles, pairs, unexplained=unexplained(screened, after.values()), cosines=cosines)
     if verdict.named is None:
-        return verdict, nothing
-    after = {h.name: _told(screened, train, h, effects, run, tell) for h in contenders(verdict, 1 if quick else LEADERS)}
-    hypotheses = [after[h.name].hypothesis if h.name in after else h for h in screened.hypotheses]
-    verdict = judge(hypotheses, unexplained=doubt)
-    if verdict.named is None:
-        return verdict, nothing
-    single = max((h for h in hypotheses if len(h.effects) == 1), key=lambda h: h.score + plausibility(h))
-    if single.name in after:
-        verdict = judge(hypotheses, unexplained=doubt, search=searched(after[single.name]))
-    if verdict.named is None:
-        return verdict, nothing
+        return verdict, Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows), pairs
     name = verdict.named.name
     if name not in after:
-        start = after[single.name].model if single.name in after and len(verdict.named.effects) == 2 else None
-        tell(f"refit with {name}")
-        after[name] = refitted(screened, train, verdict.named, effects, start=start, run=run)
-    return replace(verdict, named=after[name].hypothesis), after[name]
+        start = after[leader.name].model if leader.name in after and len(verdict.named.effects) == 2 else None
+        after[name] = _told(screened, train, verdict.named, effects, run, tell, start=start)
+    return replace(verdict, named=after[name].hypothesis), after[name], pairs
 
 
-def contenders(verdict: Verdict, most: int) -> list[Fitted]:
-    """Hypotheses worth a refit with the simulator: the named one, and what its class or the next best class leads with."""
-    found = [verdict.named]
-    for candidate in verdict.ranking:
-        if candidate.fitted is not None and candidate.probability > CONTENDER:
-            found += [h for h in (candidate.fitted, *candidate.others) if h.name not in {f.name for f in found}]
-    return found[:most]
+def by_contact(screened: Screened, train: Data, effects: Sequence[Effect], noise: float) -> list[Fitted]:
+    """Effects on the body that cloth seen inside it asks for, at the strength that clears it: derivatives cannot tell of them."""
+    strengths = cleared(screened.base.model, train.recordings, effects, noise)
+    if {"body_lag", "observation_delay"} <= set(strengths):
+        del strengths["body_lag"]  # exact opposites: one simulation serves both
+    linear = {h.name: h for h in screened.hypotheses}
+    return [replace(linear[name], strengths={name: θ}) for name, θ in strengths.items()]
 
 
-def _told(screened: Screened, data: Data, hypothesis: Fitted, effects: Sequence[Effect], run: Map, tell: Callable[[str], None]) -> Refitted:
+def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins) -> list[Fitted]:
+    """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the strongest.
+
+    Of twins one is enough. At most `most`, of the others at least one.
+    """
+    strongest = max(h.evidence for h in singles)
+    near = [h for h in singles if h.evidence > max(WORTH, strongest - max(CONTENDER, SHARE * strongest))]
+    chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
+    for h in sorted(near, key=lambda h: -h.evidence):
+        if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):
+            chosen.append(h)
+    return chosen
+
+
+def _told(
+    screened: Screened,
+    data: Data,
+    hypothesis: Fitted,
+    effects: Sequence[Effect],
+    run: Map,
+    tell: Callable[[str], None],
+    *,
+    start: Model | None = None,
+) -> Refitted:
     tell(f"refit with {hypothesis.name}")
-    return refitted(screened, data, hypothesis, effects, run=run)
+    return refitted(screened, data, hypothesis, effects, start=start, run=run)
 
 
-def unexplained(screened: Screened, noise: float) -> float:
-    """Doubt in 0..1 that the library holds the cause: the share of the misfit, beyond noise and numerics, that even the best leaves."""
-    base, best = screened.windows.base.misfits.sum(), min(h.misfits.sum() for h in screened.hypotheses)
-    residual = np.nanmean([np.nanmean(np.sum(e.residual**2, -1)) for e in screened.evidence])
-    known = START_NOISE * 3 * noise**2 + NUMERICS * np.mean([size(e) ** 2 for e in screened.evidence])
-    excess = max(0.0, 1 - known / max(residual, 1e-30))
-    return float(np.clip(best / base, 0, 1) * excess)
+def unexplained(screened: Screened, refits: Iterable[Refitted]) -> float:
+    """Doubt in 0..1 that the library holds the cause: odds (e/k)^`SHARPNESS` of the misfit e per coordinate beyond noise that all effects at once leave,
+    about the base or about a leader, against what is known to be there: `NUMERICS` times the finer re-run's own size, in the same metric, and `TOLERATED`."""
+    about = [screened.windows, *(r.windows for r in refits if r.windows is not None)]
+    left = min(w.left(w.effects) for w in about) - 1
+    followed = [without_state(e.normals, screened.base.prior) for e in screened.evidence]
+    size2 = sum(n.G[i, i] for n in followed for i in n.index(["numerics"])) / sum(n.n for n in followed)
+    odds = (max(left, 0.0) / (NUMERICS * size2 + TOLERATED)) ** SHARPNESS
+    return float(odds / (1 + odds))
 
 
 def _noise(recordings: Sequence[Recording]) -> float:
@@ -296,9 +358,13 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Dat
     if held:
         φ = smooth_modes(base.model.subject.cloth, MODES)
         before = list(run(follow, jobs(base.model, kept, φ, prior=prior)))
-        after = before if verdict.named is None else list(run(follow, jobs(corrected_model(named), kept, φ, prior=prior)))
+        if verdict.named is None:
+            after = before
+        else:
+            final = corrected_model(named)
+            after = list(run(follow, jobs(final, restarted(final, kept, run), φ, prior=prior)))
     gap = shrinkage(before, after, floor_mm=float(floor), held_out=held)
-    if verdict.named is not None and held and gap.closed_fraction is not None and not gap.shrinks:
+    if verdict.named is not None and held and not gap.shrinks:
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
         verdict = withdrawn(verdict, reason)
     fps = base.model.subject.fps
@@ -312,9 +378,10 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Dat
 
 def corrected_model(named: Refitted) -> Model:
     """The model of a refit after its last linear step."""
-    h = named.hypothesis
-    fabric = moved(named.model.subject.fabric, h.base)[0]
-    return with_fabric(replace(named.model, effects=h.effects, strengths={e.name: h.θ(e) for e in h.effects}), fabric)
+    h, model = named.hypothesis, named.model
+    fabric = moved(model.subject.fabric, h.base)[0]
+    acting = tuple(e for e in model.effects if e.name in model.strengths)  # the others were there for their tangents
+    return with_fabric(replace(model, effects=acting, strengths={**model.strengths, **{e.name: h.θ(e) for e in h.effects}}), fabric)
 
 
 def ratios(screened: Screened) -> dict[str, dict[str, Any]]:

@@ -1,8 +1,9 @@
 """Tracked files of one garment as what the diagnosis works on: the garment, and a recording per file.
 
-All files show the same mesh with the same boundary; the first one's rest shape, zones and weight hold for all. Where a file names no zones, the
-borders that are not driven are hems, cuts of the pattern are seams, and what lies on the body is contact. The driven nodes are freed of the
-tracker's noise (`driven_motion.py`).
+All files show the same mesh with the same boundary; the first one's rest shape, zones and weight hold for all, and so does the boundary of the first that names
+one, or the one chosen for the first. Each file has a collider of its own. Where a file names no zones, the borders that are not driven are hems, cuts of the pattern are
+seams, and what lies on the body is contact. The driven nodes are freed of the tracker's noise (`driven_motion.py`). The collider is drawn in for the
+coarse mesh only (`cloth/contact_sagitta.py`), not, as where a fabric is fitted, until the garment is clear of it: that would hide a body in the wrong place.
 """
 
 from collections.abc import Sequence
@@ -12,62 +13,86 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.capture.tracked_geometry import TrackedGeometry
+from tasks.cloth.contact_sagitta import contact_sagitta, drawn_in
 from tasks.cloth.driven_motion import quieted
 from tasks.cloth.start_state import filled
-from tasks.cloth.tracked_scene import NOISE_M, tracked_scene
+from tasks.cloth.tracked_scene import NOISE_M, TrackedScene, tracked_scene
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
+from tasks.gap.recording_faults import driven_faults, recording_faults
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
-from tasks.geometry.faults import Fault, refuse
-from tasks.simulator import Settings
+from tasks.geometry.faults import BadInput, refuse
+from tasks.simulator import NO_COLLIDER, Collider, Settings
 
 Array = NDArray[np.float64]
 
 LONGEST_STEP = 0.01  # [s]
-FEWEST_FRAMES = 8
-SIZES = (0.1, 5.0)  # [m] of a garment, largest extent
-TALLER = 1.5  # times as deep as high: a garment that hangs is not
 
 
 @dataclass(frozen=True)
 class Garment:
-    """The base model of the garment to start from, its recordings, and sentences on what was chosen."""
+    """The base model of the garment to start from, its recordings, sentences on what was chosen, and the first file with the boundary chosen.
+
+    contact_doubt [m]: by how much the bodies of all recordings were drawn in because the mesh is coarse (`cloth/contact_sagitta.py`).
+    """
 
     model: Model
     recordings: tuple[Recording, ...]
     chosen: tuple[str, ...]
+    first: TrackedGeometry
+    contact_doubt: float
 
 
-def garment_recordings(tracks: Sequence[TrackedGeometry], names: Sequence[str]) -> Garment:
-    """Raises BadInput with every fault of every file."""
-    refuse([fault for track, name in zip(tracks, names, strict=True) for fault in _faults(track, tracks[0], name)])
-    scenes = [tracked_scene(_whole(track), name=name) for track, name in zip(tracks, names, strict=True)]
+def garment_recordings(
+    tracks: Sequence[TrackedGeometry], names: Sequence[str], *, blind: tuple[TrackedGeometry, str] | None = None
+) -> Garment:
+    """Of files and the `names` that stand in messages. Raises BadInput with every fault of every file, a `blind` one of the same garment among them."""
+    faults = [f for track, name in zip(tracks, names, strict=True) for f in recording_faults(track, name, first=tracks[0])]
+    refuse(faults + (recording_faults(*blind, first=tracks[0], blind=True) if blind else []))
+    scenes = _scenes(tracks, names)
     first = scenes[0].scene
     settings = Settings(substeps=max(1, int(np.ceil(1 / (first.fps * LONGEST_STEP) - 1e-9))), yield_collider=False)
     subject = Subject(first.cloth, scenes[0].fabric, first.collider, _zones(tracks[0], first), first.fps)
-    recordings = tuple(_recording(track, s.scene) for track, s in zip(tracks, scenes, strict=True))
-    return Garment(Model(subject, settings), recordings, scenes[0].chosen)
+    noise = [float(np.median(_noise(track))) for track in tracks]
+    recordings = tuple(_recording(t, quieted(s.scene.boundary_motion, σ)) for t, s, σ in zip(tracks, scenes, noise, strict=True))
+    doubt = contact_sagitta(first.cloth, recordings, settings.barrier_distance)
+    recordings = tuple(drawn_in(r, doubt) for r in recordings)
+    return Garment(Model(subject, settings), recordings, scenes[0].chosen, replace(tracks[0], boundary=first.cloth.boundary), doubt)
 
 
 def recording(track: TrackedGeometry, name: str, of: Garment, *, blind: bool = False) -> Recording:
-    """A further file of the same garment; a blind one shows the garment in its first frames only."""
-    subject = of.model.subject
-    refuse(_faults(track, None, name, blind=blind) + _other_mesh(track, subject.cloth.faces, name))
-    collider = track.collider_vertices if track.collider_vertices is not None else np.zeros((len(track.vertices), 0, 3))
-    boundary = track.vertices[:, subject.cloth.boundary]
-    if not np.isfinite(boundary).all():
-        refuse([Fault(f"{name}: vertices", "the driven vertices are not known in every frame", "Give the boundary for all frames.")])
-    noise = _noise(track)
-    observed = np.where(track.observed[..., None], track.vertices, np.nan)
-    return Recording(Motion(collider, quieted(boundary, float(np.median(noise)))), observed, noise)
+    """A further file of the same garment; a blind one shows the garment in its first frames only. Raises BadInput with every fault."""
+    driven = of.model.subject.cloth.boundary
+    track = track if len(track.boundary) else replace(track, boundary=driven)
+    refuse(recording_faults(track, name, first=of.first, blind=blind) or driven_faults(track, driven, name))
+    boundary = quieted(track.vertices[:, driven], float(np.median(_noise(track))))
+    return drawn_in(_recording(track, boundary), of.contact_doubt)
 
 
-def _recording(track: TrackedGeometry, scene) -> Recording:
-    noise = scene.noise_m
+def _scenes(tracks: Sequence[TrackedGeometry], names: Sequence[str]) -> list[TrackedScene]:
+    """One per file, all driven at the same nodes; faults of all are told together."""
+    scenes, faults = [], []
+    driven = next((track.boundary for track in tracks if len(track.boundary)), tracks[0].boundary)
+    for track, name in zip(tracks, names, strict=True):
+        try:
+            scenes.append(tracked_scene(_whole(replace(track, boundary=driven)), name=name))
+        except BadInput as bad:
+            faults += bad.faults
+            continue
+        driven = scenes[0].scene.cloth.boundary
+    refuse(faults)
+    return scenes
+
+
+def _recording(track: TrackedGeometry, boundary: Array) -> Recording:
+    """With the collider as the file has it: where the garment pokes through it, that is evidence."""
+    collider, motion = NO_COLLIDER, np.zeros((len(track.vertices), 0, 3))
+    if track.collider_vertices is not None:
+        collider, motion = Collider(track.collider_faces), track.collider_vertices
     observed = np.where(track.observed[..., None], track.vertices, np.nan)
-    return Recording(Motion(scene.collider_motion, quieted(scene.boundary_motion, float(np.median(noise)))), observed, noise)
+    return Recording(collider, Motion(motion, boundary), observed, _noise(track))
 
 
 def _whole(track: TrackedGeometry) -> TrackedGeometry:
@@ -91,46 +116,3 @@ def _zones(track: TrackedGeometry, scene) -> NDArray[np.str_]:
         x = np.nan_to_num(track.vertices, nan=1e3)
         near = np.stack([closest_points(a, b, scene.collider.faces).distance for a, b in zip(x, scene.collider_motion, strict=True)])
     return np.array(ZONES)[zones(track.faces, None, near, pinned)]
-
-
-def _faults(track: TrackedGeometry, first: TrackedGeometry | None, name: str, *, blind: bool = False) -> list[Fault]:
-    faults = []
-    if track.vertices is None or not np.isfinite(track.vertices).any():
-        return [Fault(f"{name}: vertices", "are absent", "The diagnosis needs the tracked surface, not only markers.")]
-    if len(track.vertices) < FEWEST_FRAMES:
-        faults.append(Fault(f"{name}: vertices", f"{len(track.vertices)} frames", f"Give at least {FEWEST_FRAMES}."))
-    never = np.flatnonzero(~np.isfinite(track.vertices).all(2).any(0))
-    if len(never) > 0.5 * track.vertices.shape[1]:
-        faults.append(
-            Fault(f"{name}: vertices", f"{len(never)} of {track.vertices.shape[1]} are never seen", "Give a track of the whole garment.")
-        )
-    faults += _size_faults(track, name)
-    if first is not None and first is not track:
-        faults += _other_mesh(track, first.faces, name)
-        if not np.array_equal(track.boundary, first.boundary):
-            faults.append(Fault(f"{name}: boundary", "differs from the first file's", "Several recordings must share one garment."))
-        if track.fps != first.fps:
-            faults.append(Fault(f"{name}: fps", f"{track.fps:g}, the first file has {first.fps:g}", "Resample one of them."))
-    return faults
-
-
-def _size_faults(track: TrackedGeometry, name: str) -> list[Fault]:
-    known = track.vertices[np.isfinite(track.vertices).all(2).all(1)]
-    if not len(known):
-        return []
-    extent = float((known[0].max(0) - known[0].min(0)).max())
-    if not SIZES[0] <= extent <= SIZES[1]:
-        return [Fault(f"{name}: vertices", f"the garment is {extent:.3g} m large", "Give metres.")]
-    return []
-
-
-def _other_mesh(track: TrackedGeometry, faces: NDArray, name: str) -> list[Fault]:
-    if np.array_equal(track.faces, faces):
-        return []
-    return [
-        Fault(
-            f"{name}: faces",
-            f"{len(track.faces)} faces, the first file has {len(faces)} or others",
-            "Several recordings must share one garment.",
-        )
-    ]

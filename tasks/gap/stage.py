@@ -1,6 +1,7 @@
 """The door of gap: where the fitted physics differs from the recording, which effect it lacks, and how far the gap then shrinks.
 
-Where is told of all garments; the cause is sought on the largest, whose motion says most.
+Where is told of all garments; the cause is sought on the largest, whose motion says most. Effects that the fitted cloth already has are part of the
+base, at the strengths fitted, and no suspects.
 """
 
 import os
@@ -14,6 +15,8 @@ from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
 from storage_schemas.tracking import Tracking
 from tasks.child_process import Pool
+from tasks.cloth.contact_sagitta import contact_sagitta
+from tasks.cloth.estimates import added_effects
 from tasks.cloth.garment import Garment, garments
 from tasks.cloth.windows import Recording
 from tasks.cloth.worn_scene import worn_scene
@@ -31,7 +34,7 @@ from tasks.stage import Folder, Job, Parameters, stage
 
 class GapParameters(Parameters):
     """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: one refit of the named effect instead of two;
-    effects_folder: further effects, one Python file each; limit_s: of one window's simulation."""
+    effects_folder: further effects, one Python file each, those of the cloth among them; limit_s: of one window's simulation."""
 
     density: float = 320.0
     quick: bool = True
@@ -80,12 +83,14 @@ def _diagnosed(
     worn = garments(tracking.vertices.astype(float), tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
     garment = max(worn, key=lambda g: len(g.index))
     model, recording = _subject(garment, capture, tracking, body, cloth, zone, parameters)
+    given = {e.name for e in model.effects}
     steps = iter(range(1, 1000))
     with Pool(limit_s=parameters.limit_s, at_once=os.cpu_count() or 1) as pool:
         found = diagnose(
             model,
             [recording],
-            suspects(library(parameters.effects_folder).values()),
+            [e for e in suspects(library(parameters.effects_folder).values()) if e.name not in given],
+            contact_doubt=contact_sagitta(model.subject.cloth, [recording], model.settings.barrier_distance),
             quick=parameters.quick,
             run=pool.map,
             tell=lambda text: job.progress(1 - 0.85 ** next(steps), text),
@@ -112,4 +117,5 @@ def _subject(garment: Garment, capture: Capture, tracking: Tracking, body: Body,
     place = {int(v): ZONES[z] for v, z in zip(cloth.vertices_index[own], zone[own])}
     names = np.array([place.get(int(v), "free") for v in garment.index])
     subject = Subject(scene.cloth, fabric, scene.collider, names, capture.fps)
-    return Model(subject, settings), Recording(Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
+    model = Model(subject, settings, *added_effects(fitted, library(parameters.effects_folder)))
+    return model, Recording(scene.collider, Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)

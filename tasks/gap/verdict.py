@@ -1,31 +1,33 @@
-"""From scored hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
+"""From weighed hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
 
-The leading effect is weighed against "none" by its own likelihood ratio L, and against every other effect by the ratio of the paired
-differences of their gains, so that effects which help in the same windows by the same amount share the probability; no effect weighs more than
-its own L against "none". Those that the recording
-cannot tell from the leader form its class. A second effect is added when it lowers the misfit of windows that the first one leaves.
+Posterior weights beside 1 for "none": π_e exp(T E_e) of a single effect with evidence E_e, π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
+effect f makes with the leading one. The temper T < 1 says how far evidence from simulations of a simulation may be trusted. Effects within `TOGETHER`
+of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
+apart. Those within as much of the second one form the second's.
 
-"Outside the library" is what is left when the misfit is large beside noise and discretisation and no effect takes most of it away.
+"Outside the library" takes the place of "none" by the share of the misfit, beyond noise and discretisation, that not even the best hypothesis takes away.
 
-Source: gap budget and answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants are calibrated on open cases.
+Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
+are chosen on open cases (README).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tasks.gap.hypotheses import Fitted, likelihood_ratio
+from tasks.gap.confusability import Confusability
+from tasks.gap.hypotheses import Fitted
 
-Array = NDArray[np.float64]
 Kind = Literal["effect", "none", "outside_library", "not_testable"]
+Twins = frozenset[frozenset[str]]
 
-SINGLE, PAIR = 0.5, 0.1  # prior weight of all singles, and of a second effect, beside 1 for none
-FACTOR = 3.0
+SINGLE, PAIR = 1.0, 0.3  # prior weight of all singles, and of a second effect beside a first one, beside 1 for none
+TEMPER = 0.8
 BESIDE = 0.25  # weight of "outside the library" beside a named effect that leaves everything unexplained
-TOGETHER = 1.5  # effects whose likelihoods differ by less than e^this form a class
+TOGETHER = 1.5  # difference of evidence up to which names form a class
+ALIKE = 0.97  # cosine of signatures from which they do whatever their strengths
 LARGEST_CLASS = 4
 SHARED = 0.9  # probability that an answer set must hold
 
@@ -63,83 +65,67 @@ class Verdict:
         return names
 
 
-@dataclass(frozen=True)
-class Search:
-    """What was found about a named effect's simulation: the effect alone, and with each second one."""
-
-    alone: Fitted
-    pairs: tuple[Fitted, ...]
-
-
-def judge(hypotheses: Sequence[Fitted], *, unexplained: float, search: Search | None = None) -> Verdict:
-    """Weigh hypotheses (singles and pairs). unexplained: share in 0..1 of doubt that anything in the library is the cause.
-
-    search: pairs about the simulation with the leading effect, which then replace those of `hypotheses`.
-    """
-    singles = [h for h in hypotheses if len(h.effects) == 1]
-    leader = max(singles, key=lambda h: (h.score + plausibility(h), h.gains.mean()))
-    behind = {h.effects[0].name: max(likelihood_ratio(leader.gains - h.gains), leader.score - h.score) for h in singles}
-    prior = np.log(SINGLE / len(singles))
-    fitted = {h.effects[0].name: h for h in singles}
-    weight = {name: np.exp(prior + leader.score - lost + plausibility(fitted[name])) for name, lost in behind.items()}
-    if search is None or search.alone.effects != leader.effects:
-        search = Search(leader, tuple(h for h in hypotheses if len(h.effects) == 2 and leader.effects[0] in h.effects))
-    second = _second(leader, search, len(singles))
-    named = sum(weight.values()) + (second[1] if second else 0.0)
+def judge(singles: Sequence[Fitted], pairs: Sequence[Fitted] = (), *, unexplained: float, cosines: Confusability | None = None) -> Verdict:
+    """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that anything
+    in the library is the cause; cosines: of the signatures of the effects weighed."""
+    ranked = sorted(singles, key=lambda h: -h.evidence)
+    prior = np.log(SINGLE / len(ranked))
+    weight = [float(np.exp(prior + TEMPER * h.evidence)) for h in ranked]
+    seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
+    doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
+    named = sum(weight) + sum(doubled[:1])
     none, outside = 1.0 - unexplained, unexplained * (1.0 + BESIDE * named)
     total = none + outside + named
-    ranking = [Candidate(("none",), none / total), Candidate(("outside_library",), outside / total)]
-    ranking += _classes(weight, behind, fitted, total)
-    if second:
-        ranking.append(Candidate(tuple(e.name for e in second[0].effects), second[1] / total, second[0]))
-    ranking = sorted(ranking, key=lambda c: -c.probability)
-    return _verdict(ranking, behind, second)
+    candidates = [Candidate(("none",), none / total), Candidate(("outside_library",), outside / total)]
+    alike = twins(cosines)
+    candidates += _classes(ranked, weight, total, alike)
+    if doubled:
+        candidates.append(Candidate(tuple(e.name for e in seconds[0].effects), doubled[0] / total, seconds[0]))
+    candidates.sort(key=lambda c: -c.probability)
+    first = candidates[0]
+    if first.fitted is None:
+        kind: Kind = "none" if first.names == ("none",) else "outside_library"
+        return Verdict(kind, None, (), first.probability, tuple(candidates))
+    if len(first.fitted.effects) == 2:
+        classes = (_beside(ranked, lambda h: h.evidence, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
+    else:
+        classes = (first.names,)
+    return Verdict("effect", first.fitted, classes, first.probability, tuple(candidates))
 
 
-def plausibility(fitted: Fitted) -> float:
-    """Log prior of the strengths: log-normal about the typical ones, a factor of `FACTOR` being one standard deviation.
-
-    A cause of a hundredth of its usual strength is more often the mesh, the tracker or a rounding of the pattern.
-    """
-    total = 0.0
-    for effect in fitted.effects:
-        share = float(np.linalg.norm(fitted.θ(effect) / effect.typical)) / np.sqrt(len(effect.strengths))
-        total -= 0.5 * (np.log(max(share, 1e-6)) / np.log(FACTOR)) ** 2
-    return total
-
-
-def _classes(weight: dict[str, float], behind: dict[str, float], fitted: dict[str, Fitted], total: float) -> list[Candidate]:
-    """Effects in the order of their weight, neighbours within `TOGETHER` of the first of each class joined."""
-    left, found = sorted(weight, key=lambda n: -weight[n]), []
+def _classes(ranked: Sequence[Fitted], weight: Sequence[float], total: float, alike: Twins) -> list[Candidate]:
+    """Single effects in the order of their evidence, those that cannot be told from the first of each class joined."""
+    found, left = [], dict(zip((h.name for h in ranked), zip(ranked, weight, strict=True), strict=True))
     while left:
-        own = [n for n in left if behind[n] - behind[left[0]] < TOGETHER][:LARGEST_CLASS]
-        found.append(Candidate(tuple(own), sum(weight[n] for n in own) / total, fitted[own[0]], tuple(fitted[n] for n in own[1:])))
-        left = [n for n in left if n not in own]
-    return found
+        names = _beside([h for h, _ in left.values()], lambda h: h.evidence, 0, alike)
+        own = [left.pop(name) for name in names]
+        found.append(Candidate(names, sum(w for _, w in own) / total, own[0][0], tuple(h for h, _ in own[1:])))
+    return sorted(found, key=lambda c: -c.probability)
 
 
-def _second(leader: Fitted, search: Search, count: int) -> tuple[Fitted, float] | None:
-    """The pair that adds most to the leader, and its weight beside none."""
-    if not search.pairs:
-        return None
-    gain = {p.name: likelihood_ratio(p.gains - search.alone.gains) + plausibility(p) for p in search.pairs}
-    best = max(search.pairs, key=lambda p: gain[p.name])
-    return best, float(np.exp(np.log(SINGLE / count) + leader.score + np.log(PAIR / count) + gain[best.name]))
+def _beside(hypotheses: Sequence[Fitted], evidence: Callable[[Fitted], float], place: int, alike: Twins) -> tuple[str, ...]:
+    """Names at `place` of the first hypothesis, of its twins, and of those within `TOGETHER` of it."""
+    first = hypotheses[0].effects[place].name
+    twins = [h for h in hypotheses if frozenset((first, h.effects[place].name)) in alike]
+    near = [h for h in hypotheses if h not in twins and evidence(hypotheses[0]) - evidence(h) < TOGETHER]
+    return tuple(dict.fromkeys(h.effects[place].name for h in (hypotheses[0], *twins, *near)))[:LARGEST_CLASS]
 
 
-def _verdict(ranking: Sequence[Candidate], behind: dict[str, float], second: tuple[Fitted, float] | None) -> Verdict:
-    first = ranking[0]
-    if first.names in (("none",), ("outside_library",)):
-        return Verdict("none" if first.names == ("none",) else "outside_library", None, (), first.probability, tuple(ranking))
-    compound = second is not None and first.fitted is second[0]
-    classes = tuple((e.name,) for e in first.fitted.effects) if compound else (first.names,)
-    return Verdict("effect", first.fitted, classes, first.probability, tuple(ranking))
+def twins(cosines: Confusability | None) -> Twins:
+    """Pairs of names whose signatures are the same up to strength."""
+    if cosines is None:
+        return frozenset()
+    i, j = np.nonzero(np.triu(np.abs(cosines.cosine) >= ALIKE, 1))
+    return frozenset(frozenset((cosines.names[a], cosines.names[b])) for a, b in zip(i, j, strict=True))
 
 
 def withdrawn(verdict: Verdict, reason: str) -> Verdict:
-    """None instead of the named effect, which did not help on motion kept out: its class keeps a tenth of its weight."""
+    """None, or outside the library, whichever is likelier, instead of the named effect, which did not help on motion kept out: what is named keeps
+    a hundredth of its weight."""
     own = {n for c in verdict.classes for n in c}
-    weights = [c.probability * (0.1 if own & set(c.names) else 1.0) for c in verdict.ranking]
+    weights = [c.probability * (0.01 if own & set(c.names) else 1.0) for c in verdict.ranking]
     ranking = [replace(c, probability=w / sum(weights)) for c, w in zip(verdict.ranking, weights, strict=True)]
-    ranking = sorted(ranking, key=lambda c: (c.names != ("none",), -c.probability))
-    return Verdict("none", None, (), ranking[0].probability, tuple(ranking), reason)
+    left = max((c for c in ranking if c.fitted is None), key=lambda c: c.probability)
+    ranking = sorted(ranking, key=lambda c: (c is not left, -c.probability))
+    kind: Kind = "none" if left.names == ("none",) else "outside_library"
+    return Verdict(kind, None, (), left.probability, tuple(ranking), reason)

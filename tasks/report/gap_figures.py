@@ -29,6 +29,7 @@ VIEWS = (("front", 20.0), ("back", 200.0))  # [°] about the vertical
 ELEVATION = 12.0  # [°]
 GREY = (0.75, 0.75, 0.75)
 MOST_RECORDINGS = 6
+WEAKEST = -3.0  # evidence that is drawn; less is as little
 MOST_BARS = 24
 
 
@@ -186,29 +187,30 @@ def split_bars(before: Mapping[str, float], after: Mapping[str, float] | None) -
 
 
 def evidence(ranking: Sequence[Candidate]) -> Figure:
-    """The score of every hypothesis in the order of the ranking; those that cannot be told apart share a box and a probability."""
+    """The evidence of every hypothesis in the order of the ranking; those that cannot be told apart share a box and a probability."""
     rows, boxes = [], []
     for candidate in ranking:
         fitted = [h for h in (candidate.fitted, *candidate.others) if h is not None]
         boxes.append((len(rows), max(len(fitted), 1), candidate.probability))
-        rows += [(h.name, h.score) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
+        rows += [(h.name, max(h.evidence, WEAKEST)) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
         if len(rows) >= MOST_BARS:
             break
     canvas = Figure(figsize=(8.5, 0.7 + 0.27 * len(rows)))
     axes = canvas.add_subplot()
-    top = max([score for _, score in rows if score is not None], default=0.0) or 1.0
+    known = [e for _, e in rows if e is not None]
+    top, low = max([1.0, *known]), min([0.0, *known])
     for start, count, probability in boxes:
         edge, weight = ("#334155" if count > 1 else LINE), ("bold" if start == 0 else "normal")
         ground = "#eef6f0" if start == 0 else "none"
-        axes.add_patch(Rectangle((-0.01 * top, start - 0.47), 1.2 * top, count - 0.06, facecolor=ground, edgecolor=edge, lw=1.1))
+        axes.add_patch(Rectangle((low - 0.01 * top, start - 0.47), 1.2 * top - low, count - 0.06, facecolor=ground, edgecolor=edge, lw=1.1))
         axes.text(1.18 * top, start + count / 2 - 0.5, f"{probability:.1%}", ha="right", va="center", fontsize=9, weight=weight)
-    for k, (name, score) in enumerate(rows):
-        if score is None:
-            words = "zero of the scale" if name == "none" else "no score of its own: what the library leaves"
+    for k, (name, own) in enumerate(rows):
+        if own is None:
+            words = "zero of the scale" if name == "none" else "no evidence of its own: what the library leaves"
             axes.text(0.01 * top, k, words, va="center", fontsize=8, color=FLOOR)
-    axes.barh(range(len(rows)), [score or 0.0 for _, score in rows], height=0.6, color=TRAINED)
-    axes.set(yticks=range(len(rows)), yticklabels=[n for n, _ in rows], xlim=(-0.02 * top, 1.21 * top), ylim=(len(rows) - 0.4, -0.6))
-    axes.set_xlabel("score: log likelihood ratio against “none”        (right: probability)")
+    axes.barh(range(len(rows)), [own or 0.0 for _, own in rows], height=0.6, color=TRAINED)
+    axes.set(yticks=range(len(rows)), yticklabels=[n for n, _ in rows], xlim=(low - 0.02 * top, 1.21 * top), ylim=(len(rows) - 0.4, -0.6))
+    axes.set_xlabel("evidence: log Bayes factor against “none”        (right: probability)")
     axes.tick_params(axis="y", labelsize=8)
     _plain(axes)
     return canvas

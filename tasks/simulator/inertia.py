@@ -5,6 +5,7 @@ Source: Li et al. 2020 (IPC), eq. 4; Zienkiewicz & Taylor, vol. 1 (consistent ma
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
@@ -35,11 +36,20 @@ class Inertia(Potential):
 
     def times(self, dx: Array) -> Array:
         """M dx for dx [V, 3] or [K, V, 3]."""
+        if self.stencils.shape[1] == 1:  # lumped: every vertex once
+            return self._diagonal[:, None] * dx
         local = np.einsum("kpq,...kqi->...kpi", self.values, dx[..., self.stencils, :])
         out = np.zeros_like(dx)
         for p in range(self.stencils.shape[1]):
             np.add.at(np.moveaxis(out, -2, 0), self.stencils[:, p], np.moveaxis(local[..., p, :], -2, 0))
         return out
+
+    @cached_property
+    def _diagonal(self) -> Array:
+        """Lumped masses [V] kg in the order of the vertices."""
+        diagonal = np.zeros(len(self.stencils))
+        diagonal[self.stencils[:, 0]] = self.values[:, 0, 0]
+        return diagonal
 
     @override
     def energy(self, x: Array, step: Step) -> float:

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
+SMALL = 1500  # unknowns up to which single columns are faster than supernodes: 2.8 ms against 4.9 at 912
+
+
 class NotPositiveDefinite(ArithmeticError):
     """The matrix has no Cholesky factor."""
 
@@ -140,13 +143,18 @@ def _analyse(A: csc_matrix):
         from sksparse import cholmod
     except ImportError:
         return _lu
-    symbolic = cholmod.analyze(A, mode="supernodal", ordering_method="metis")  # half the fill of AMD on cloth
+    small = A.shape[0] < SMALL
+    mode = "simplicial" if small else "supernodal"
+    symbolic = cholmod.analyze(A, mode=mode, ordering_method="metis")  # half the fill of AMD on cloth
 
     def factorise(matrix: csc_matrix) -> Factor:
         try:
-            return _Cholesky(symbolic.cholesky(matrix))
+            factor = symbolic.cholesky(matrix)
         except cholmod.CholmodNotPositiveDefiniteError as error:
             raise NotPositiveDefinite from error
+        if small and not (factor.D() > 0).all():  # by single columns it is LDLᵀ, which indefinite matrices have too
+            raise NotPositiveDefinite
+        return _Cholesky(factor)
 
     return factorise
 

@@ -12,7 +12,7 @@ from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Recording, Window, predict, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
-from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tests.simulator.scenes import sheet
 
 FPS = 30.0
@@ -34,7 +34,12 @@ def swung(T: int, *, fabric=FABRIC, noise=0.0, seed=0):
     y, v = np.stack([f.x for f in frames]), np.stack([f.v for f in frames])
     observed = y + noise * np.random.default_rng(seed).standard_normal(y.shape)
     own = Motion(np.zeros((T, 0, 3)), boundary[settle * n :: n])
-    return Model(replace(subject, fps=FPS), Settings(substeps=4)), Recording(own, observed, np.full(y.shape[:2], max(noise, 1e-4))), y, v
+    return (
+        Model(replace(subject, fps=FPS), Settings(substeps=4)),
+        Recording(subject.collider, own, observed, np.full(y.shape[:2], max(noise, 1e-4))),
+        y,
+        v,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +135,13 @@ def test_the_refit_finds_the_ratios_of_a_twin():
     assert fabric.bending / fabric.density == pytest.approx(FABRIC.bending / FABRIC.density, rel=0.3)
     misfits = [row["misfit"] for row in fit.history]
     assert misfits[-1] < misfits[0]
+
+
+def test_a_window_meets_the_collider_of_its_own_recording(panel):
+    """The model's may be that of another recording, with more vertices than this one's motion has."""
+    model, recording, y, v = panel
+    elsewhere = replace(model, subject=replace(model.subject, collider=Collider(np.array([[0, 1, 999]]))))
+    known = States(y, v, "converged")
+    plain, other = (predict(m, recording, Window(0, 2, 3), known) for m in (model, elsewhere))
+    assert other.complete
+    np.testing.assert_array_equal(plain.x, other.x)

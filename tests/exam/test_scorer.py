@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tasks.exam.scorer.case import area_under_curve, closing, credit, score
+from tasks.exam.scorer.beside import columns
+from tasks.exam.scorer.case import area_under_curve, closing, credit, most_changed, score
 from tasks.exam.scorer.intervals import bootstrap, wilson
 from tasks.exam.scorer.page import page
 from tasks.exam.scorer.summary import calibration_error, summary
@@ -88,6 +89,11 @@ def test_localisation_is_the_share_of_pairs_in_order():
     assert row["auc"] == 1
 
 
+def test_vertices_that_nothing_happens_to_are_not_among_the_most_changed():
+    assert most_changed(np.arange(10.0)).tolist() == [False] * 8 + [True] * 2
+    assert most_changed(np.array([0.0] * 9 + [1.0])).tolist() == [False] * 9 + [True]
+
+
 def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
     T, V = 5, 4
     x = np.zeros((T, V, 3))
@@ -130,9 +136,23 @@ def test_summary_and_page_hold_every_case():
     assert figures["false attribution on nulls"]["value"] == 1
     assert figures["top-1, single effects from 2x the floor"]["cases"] == 1
     assert figures["top-1, single effects near 1x the floor"]["value"] == 0
-    result = {"split": "open", "version": None, "cases": 3, "left_out": [], "figures": summary(rows), "rows": rows}
+    result = {"split": "open", "version": None, "cases": 3, "left_out": [], "figures": summary(rows), "rivals": {}, "rows": rows}
     text = page(result)
-    assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text
+    assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text and "Rivals" not in text
+
+
+def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
+    ours = [score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])), score(truth({DRAG: 1.0}), None)]
+    theirs = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 1.0), (["none"], 0.0)]))
+    slow = {"cases": 1, "figures": summary([theirs]), "ours": summary(ours[:1]), "rows": [theirs]}
+    result = {"split": "open", "version": None, "cases": 2, "left_out": [], "figures": summary(ours), "rows": ours}
+    result["rivals"] = {"quick": {"cases": 2, "figures": summary(ours), "ours": summary(ours), "rows": ours}, "slow": slow}
+    beside = columns(result)
+    assert list(beside) == ["diagnosis (2)", "quick (2)", "diagnosis (1)", "slow (1)"]
+    metric = "top-1, single effects from 2x the floor"
+    assert [values[metric] for values in beside.values()] == [0.5, 0.5, 1.0, 0.0]
+    text = page(result)
+    assert "slow (1)" in text and text.count("class='m'") == 3
 
 
 def test_summary_of_nothing_is_empty_and_does_not_fail():

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from flows import exam
 from flows.exam_candidate import closed
 from tasks.exam.generator.making import Made
 from tasks.exam.generator.strata import Question
+from tasks.exam.rivals.rival import Rival
 
 ROOT = Path(__file__).parents[2]
 QUESTION = Question(7, "single", {"air_lift": 4.0}, "air_lift", "", "curtain", ("sway", "turn", "ball"), (0, 7))
@@ -128,4 +130,58 @@ def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch)
     lines = [json.loads(line) for line in board.read_text().splitlines()]
     assert len(lines) == 2 and {line["version"] for line in lines} == {exam.version()}
     assert result["cases"] == 1  # the same case twice is one case
-    assert not exam.pooled(board, "another version")
+    assert not exam.attempts(board, "another version")
+
+
+def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):
+    calls = []
+
+    def run(command, place):
+        assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
+        calls.append(command[3:6])
+        return "", "", 1
+
+    monkeypatch.setattr(exam, "_run", run)
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    guess = Rival("guess", "guesses", "nobody", lambda case: None)
+    board = tmp_path / "board.jsonl"
+    sitting = exam.Exam(folder, 1, 0, "sealed")
+    for _ in range(2):  # the second time all is there
+        result = exam.sit(sitting, rivals=[guess, replace(guess, name="ponder", slow=True)], scoreboard=board)
+    assert calls == [["gap", "run", "train-1.npz"], ["exam", "rival", "guess"]]  # 7 is not of the third
+    line = json.loads(board.read_text().splitlines()[0])
+    assert [row["number"] for row in line["rivals"]["guess"]] == [7] and line["rivals"]["ponder"] == []
+    assert result["rivals"]["guess"]["cases"] == 1 and result["rivals"]["ponder"]["cases"] == 0
+    assert result["rivals"]["guess"]["ours"] == result["figures"]
+
+
+def test_slow_rivals_answer_a_third(folder, monkeypatch):
+    asked = []
+    monkeypatch.setattr(exam, "diagnose", lambda folder, number, rival: asked.append(number))
+    monkeypatch.setattr(exam, "mark", lambda folder, number, rival: {})
+    exam._answered(folder, range(10), Rival("ponder", "", "", lambda case: None, slow=True), lambda line: None)
+    assert asked == [0, 3, 6, 9]
+
+
+def test_attempts_from_before_there_were_rivals_are_still_read(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board, sitting = tmp_path / "board.jsonl", exam.Exam(folder, 1, 0, "sealed")
+    exam.sit(sitting, scoreboard=board)
+    old = json.loads(board.read_text())
+    del old["rivals"]
+    board.write_text(json.dumps(old) + "\n")
+    result = exam.sit(sitting, rivals=[Rival("guess", "", "", lambda case: None)], scoreboard=board)
+    assert result["cases"] == 1 and result["rivals"]["guess"]["cases"] == 1
+
+
+def test_a_rival_runs_under_the_hook(tmp_path):
+    ended = subprocess.run(
+        [sys.executable, "-m", "flows.exam_candidate", "exam", "rival", "oracle", "a.npz", "--predict", "b.npz", "--out", "c.npz"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2 and "there is no rival 'oracle'" in ended.stderr, ended.stderr

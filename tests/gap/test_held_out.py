@@ -37,7 +37,9 @@ def test_no_change_does_not_shrink():
 def test_at_the_floor_no_fraction_is_stated():
     rng = np.random.default_rng(2)
     gap = shrinkage(evidence(rng, 3.1), evidence(rng, 3.0), floor_mm=3.0, held_out=True)
-    assert gap.closed_fraction is None and not gap.shrinks
+    assert gap.closed_fraction is None and gap.shrinks  # a little is enough
+    worse = shrinkage(evidence(rng, 3.0), evidence(rng, 3.1), floor_mm=3.0, held_out=True)
+    assert worse.closed_fraction is None and not worse.shrinks
 
 
 def test_what_was_not_seen_does_not_count():
@@ -56,3 +58,12 @@ def test_the_acceleration_of_a_constant_force_is_found():
     field = 0.5 * t[:, None, None] ** 2 * a
     field[2, 1] = np.nan
     np.testing.assert_allclose(fitted_acceleration(field, 30.0), a, rtol=1e-9)
+
+
+def test_a_cause_that_acts_in_one_window_of_five_still_shrinks_the_gap():
+    rng = np.random.default_rng(4)
+    before = [*evidence(rng, 1.3, 4), *evidence(rng, 12.0, 1)]
+    after = [*evidence(rng, 1.3, 4), *evidence(rng, 1.3, 1)]
+    gap = shrinkage(before, after, floor_mm=1.3, held_out=True)
+    assert gap.closed_fraction > 0.9 and gap.shrinks
+    assert gap.low < 0  # what the draws without that window say

@@ -8,12 +8,13 @@ import pytest
 from tasks.cloth.windows import Recording, windows
 from tasks.effects.effect import Motion
 from tasks.gap.stretches import stretches
+from tasks.simulator.cloth import NO_COLLIDER
 
 FPS, V = 30.0, 3
 
 
 def recording(T):
-    return Recording(Motion(np.zeros((T, 0, 3)), np.zeros((T, 0, 3))), np.zeros((T, V, 3)), np.full((T, V), 1e-3))
+    return Recording(NO_COLLIDER, Motion(np.zeros((T, 0, 3)), np.zeros((T, 0, 3))), np.zeros((T, V, 3)), np.full((T, V), 1e-3))
 
 
 def found(frames, *, held, evidence=()):

@@ -33,7 +33,7 @@ def data_of(name: str) -> tuple[Model, Data]:
     subject = Subject(cloth, fabric, collider, np.full(len(cloth.x_rest), "free"), FPS)
     v = np.zeros_like(x)
     v[1:] = (x[1:] - x[:-1]) * FPS  # backward Euler's own velocity
-    seen = Recording(Motion(c, x[:, cloth.boundary]), x, np.full(x.shape[:2], NOISE))
+    seen = Recording(collider, Motion(c, x[:, cloth.boundary]), x, np.full(x.shape[:2], NOISE))
     cut = tuple(replace(w, start=max(w.start, 1)) for w in windows([seen], FPS))
     return Model(subject, AS_CIPC), Data(
         (seen,), (States(x, v, "converged"),), tuple(replace(w, length=w.length - (w.start == 1)) for w in cut)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
+from tasks.exam.scorer.beside import columns
 from tasks.exam.scorer.summary import confusion
 
 STYLE = (
@@ -21,13 +22,27 @@ def page(result: Mapping[str, Any]) -> str:
         ("metric", "value", "95 %", "cases"),
         ((f["metric"], _number(f["value"]), f"{_number(f['low'])} … {_number(f['high'])}", f["cases"]) for f in result["figures"]),
     )
-    columns = ("number", "stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
-    cases = _table(columns, ([_cell(r.get(c)) for c in columns] for r in result["rows"]))
+    shown = ("number", "stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
+    cases = _table(shown, ([_cell(r.get(c)) for c in shown] for r in result["rows"]))
     return (
         f"<!doctype html><meta charset='utf-8'><title>Blind check</title><style>{STYLE}</style><h1>Blind check of the diagnosis</h1>"
         f"<p>Split {escape(result['split'])}{of}: {result['cases']} cases. Shares carry Wilson's 95 % interval, other figures a bootstrap over cases.</p>"
-        f"{left}{figures}<h2>What was named for what</h2>{_matrix(result['rows'])}<h2>Cases</h2>{cases}"
+        f"{left}{figures}{_rivals(result)}<h2>What was named for what</h2>{_matrix(result['rows'])}<h2>Cases</h2>{cases}"
     )
+
+
+def _rivals(result: Mapping[str, Any]) -> str:
+    """Rivals beside the diagnosis, and what they named for what."""
+    if not result["rivals"]:
+        return ""
+    beside = columns(result)
+    metrics = [f["metric"] for f in result["figures"]]
+    table = _table(("metric", *beside), ((m, *(_number(values.get(m)) for values in beside.values())) for m in metrics))
+    matrices = "".join(
+        f"<details><summary>{escape(name)}: what it named for what</summary>{_matrix(rival['rows'])}</details>"
+        for name, rival in result["rivals"].items()
+    )
+    return f"<h2>Rivals on the same cases</h2><p>In brackets: how many cases each answered.</p>{table}{matrices}"
 
 
 def _matrix(rows: list[Mapping[str, Any]]) -> str:

@@ -1,0 +1,177 @@
+"""The refit of a base model to which effects were added: κ_s, κ_b and all strengths together, by Gauss–Newton over multiple-shooting windows.
+
+    minimise over θ = (log κ_s, log κ_b, strengths/typical)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w) + Σ_strengths (θ/3)²
+
+with r_w, C_w as in `shooting.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended, at strength
+zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic problem within the
+bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the recording cannot tell apart.
+
+Source: Coleman & Li 1996 (the bounded step, as in scipy's lsq_linear); Nocedal & Wright 2006, ch. 10 (Levenberg damping).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
+from tasks.cloth.numerics import corrected
+from tasks.cloth.shooting import DAMPING, SCALE, BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, with_fabric, without_state
+from tasks.cloth.windows import Normals
+from tasks.effects.effect import Effect
+from tasks.effects.model import Model
+
+Array = NDArray[np.float64]
+
+RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
+SETTLED = 0.03  # of a logarithm, or of a typical strength
+
+
+@dataclass(frozen=True)
+class Completed:
+    """The completed model, what every window then says, the start states' prior, misfits per iteration, and how it ended."""
+
+    model: Model
+    evidence: tuple[Evidence, ...]
+    prior: Prior
+    history: tuple[dict[str, float], ...]
+    ending: str
+
+
+@dataclass(frozen=True)
+class CompletedFit(Fit):
+    """A fit whose model has effects beside the base. Its normal equations hold κ_s, κ_b and every strength in typical strengths."""
+
+    model: Model | None = None
+
+
+def refit_jointly(
+    base: BaseFit,
+    jobs: Sequence[Job],
+    effects: Sequence[Effect],
+    *,
+    noise: float,
+    iterations: int,
+    run: Map = map,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Completed:
+    """From the refitted base, on the windows it could follow (`jobs`), with at most `iterations` accepted steps; noise [m] per coordinate."""
+    model = replace(base.model, effects=tuple(effects), strengths={e.name: np.zeros(len(e.strengths)) for e in effects})
+    jobs = [replace(job, columns=True) for job in jobs]
+    now = _followed(model, jobs, run)
+    prior, ending = estimated_prior(now, noise), f"stopped after {iterations} iterations"
+    history = [_row(model, now, prior)]
+    for _ in range(iterations):
+        if np.abs(_step(model, now, prior, DAMPING[0])).max() < SETTLED:
+            ending = "converged"
+            break
+        better = _better(model, now, jobs, prior, run)
+        if better is None:
+            ending = "converged: no shorter step lowers the misfit"
+            break
+        model, now = better
+        prior = estimated_prior(now, noise)
+        history.append(_row(model, now, prior))
+        tell(f"{_strengths_told(model)}: misfit {history[-1]['misfit']:.3g}")
+    return Completed(model, tuple(now), prior, tuple(history), ending)
+
+
+def joint_normal(model: Model, evidence: Sequence[Evidence], prior: Prior) -> Normal:
+    """Normal equations per window in θ, each over its own scale; NaN where no window can be followed."""
+    P = len(_vector(model))
+    found = _weighed(model, evidence, prior)
+    if not found:
+        return Normal(np.full((1, P), np.nan), np.full((1, P, P), np.nan))
+    return Normal(np.stack([n.g for n in found]), np.stack([n.G for n in found]))
+
+
+def moved_jointly(model: Model, step: Array) -> Model:
+    """The model after a step of θ [2 + K], the fabric within its bounds."""
+    fabric = moved(model.subject.fabric, step[: len(PARAMETERS)])
+    at, strengths = len(PARAMETERS), {}
+    for effect in model.effects:
+        K = len(effect.strengths)
+        strengths[effect.name] = model.strength(effect) + step[at : at + K] * np.abs(effect.typical)
+        at += K
+    return replace(with_fabric(model, fabric), strengths=strengths)
+
+
+def _better(model: Model, now: Sequence[Evidence], jobs: Sequence[Job], prior: Prior, run: Map) -> tuple[Model, Sequence[Evidence]] | None:
+    """The model after the first step, each shorter than the last, that lowers the loss, and its windows; None where none does."""
+    for damping in DAMPING:
+        tried = moved_jointly(model, _step(model, now, prior, damping))
+        evidence = _followed(tried, jobs, run)
+        if _loss(tried, evidence, now, prior) < _loss(model, now, evidence, prior):
+            return tried, evidence
+    return None
+
+
+def _followed(model: Model, jobs: Sequence[Job], run: Map) -> list[Evidence]:
+    return list(run(follow, [replace(job, model=model) for job in jobs]))
+
+
+def _step(model: Model, now: Sequence[Evidence], prior: Prior, damping: float) -> Array:
+    """argmin ½ pᵀHp − bᵀp within all bounds, H damped."""
+    found, θ = _weighed(model, now, prior), _vector(model)
+    precision = np.where(np.arange(len(θ)) < len(PARAMETERS), 0.0, RIDGE**-2)
+    H = sum(n.G for n in found) + np.diag(precision)
+    b = sum(n.g for n in found) - precision * θ
+    L = np.linalg.cholesky(H + np.diag(damping * np.diag(H) + 1e-9 * np.trace(H)))
+    low, high = _bounds(model)
+    low, high = np.clip(low - θ, -LARGEST_STEP, 0), np.clip(high - θ, 0, LARGEST_STEP)
+    return lsq_linear(L.T, np.linalg.solve(L, b), bounds=(low - 1e-12, high + 1e-12)).x
+
+
+def _vector(model: Model) -> Array:
+    """θ [2 + K] of a model."""
+    return np.concatenate([logarithms(model.subject.fabric), *(model.strength(e) / np.abs(e.typical) for e in model.effects)])
+
+
+def _bounds(model: Model) -> tuple[Array, Array]:
+    strengths = [s for e in model.effects for s in e.strengths]
+    low = [BOUNDS[name][0] for name in PARAMETERS] + [s.low / abs(s.typical) for s in strengths]
+    high = [BOUNDS[name][1] for name in PARAMETERS] + [s.high / abs(s.typical) for s in strengths]
+    return np.array(low), np.array(high)
+
+
+def _told(model: Model, evidence: Evidence, prior: Prior) -> Normals:
+    """Normal equations of one window in θ, start state and numerics integrated out."""
+    n = corrected(without_state(evidence.normals, prior))
+    columns = [(c, abs(s.typical)) for e in model.effects for c, s in zip(e.columns, e.strengths, strict=True)]
+    names = (*PARAMETERS, *(c for c, _ in columns))
+    unit = np.array([1.0] * len(PARAMETERS) + [typical for _, typical in columns])
+    i = n.index(names)
+    return Normals(names, n.G[np.ix_(i, i)] * np.outer(unit, unit), n.g[i] * unit, n.c, n.n)
+
+
+def _scale(n: Normals) -> float:
+    return max(n.c / n.n, SCALE)
+
+
+def _weighed(model: Model, evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
+    found = [_told(model, e, prior) for e in evidence if e.prediction.complete]
+    return [replace(n, G=n.G / _scale(n), g=n.g / _scale(n), c=n.c / _scale(n)) for n in found]
+
+
+def _loss(model: Model, of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:
+    """What is minimised, over the windows that both sets could follow; infinite where the other set follows more."""
+    both = [e.prediction.complete and b.prediction.complete for e, b in zip(of, beside, strict=True)]
+    if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
+        return np.inf
+    found = [_told(model, e, prior) for e, ok in zip(of, both, strict=True) if ok]
+    θ = _vector(model)[len(PARAMETERS) :]
+    return sum(n.n * float(np.log(_scale(n))) for n in found) + float(np.sum((θ / RIDGE) ** 2))
+
+
+def _row(model: Model, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:
+    found = [_told(model, e, prior) for e in now if e.prediction.complete]
+    strengths = {c: float(v) for e in model.effects for c, v in zip(e.columns, model.strength(e), strict=True)}
+    fabric = model.subject.fabric
+    misfit = sum(n.c for n in found) / max(sum(n.n for n in found), 1)
+    return {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, **strengths, "misfit": misfit, "windows": len(found)}
+
+
+def _strengths_told(model: Model) -> str:
+    return ", ".join(f"{c} {v:.3g}" for e in model.effects for c, v in zip(e.columns, model.strength(e), strict=True))

@@ -1,0 +1,38 @@
+"""A small sealed exam from end to end: made, diagnosed behind the hook, guessed at by chance, marked, and added to a scoreboard."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows import exam
+from tasks.exam.rivals.library import rivals
+from tasks.exam.scorer.page import page
+
+CASES = 6
+
+
+@pytest.mark.slow
+def test_a_small_sealed_exam(tmp_path):
+    board, folder = tmp_path / "board.jsonl", exam.Folder(tmp_path / "exam")
+    sitting, chance = exam.Exam(folder, CASES, 0, "sealed"), [rivals()["chance"]]
+    result = exam.sit(sitting, rivals=chance, scoreboard=board)
+
+    assert result["cases"] + len(result["left_out"]) == CASES and result["cases"] >= CASES - 1
+    assert {row["stratum"] for row in result["rows"]} <= {"single", "pair", "null", "outside", "inseparable"}
+    for row in [*result["rows"], *result["rivals"]["chance"]["rows"]]:
+        assert not row["failed"], row
+        assert row["kind"] in ("effect", "none", "outside_library", "not_testable")
+        assert row["kind"] == "not_testable" or np.isfinite(row["before_mm"])
+    for number in folder.numbers():
+        assert folder.truth(number)["question"]["number"] == number
+        for rival in (None, "chance"):
+            answer = json.loads((folder.answer(number, rival) / "answer.json").read_text())
+            assert sum(entry["probability"] for entry in answer["ranking"]) == pytest.approx(1)
+    assert "Rivals" in page(result)
+
+    written = {file: file.stat().st_mtime_ns for file in (tmp_path / "exam").rglob("*.*")}
+    again = exam.sit(sitting, rivals=chance, scoreboard=board)
+    assert again == result  # nothing is made or asked twice, and the same cases count once
+    assert written == {file: file.stat().st_mtime_ns for file in (tmp_path / "exam").rglob("*.*")}
+    assert [json.loads(line)["version"] for line in board.read_text().splitlines()] == 2 * [exam.version()]
