@@ -38,6 +38,7 @@ SHARPNESS = 3.0  # of the doubt that the library holds the cause
 ITERATIONS, FINAL = 5, 3  # of the base refit, on a few windows and then on all
 ROUGH = 4  # windows of the first rounds of the base refit
 LEADERS = 3  # hypotheses that are refitted with the simulator
+FAR = 0.1  # change of the leading strength by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
 HELD = 0.3  # share of each recording kept for the end where no recording is given for it
@@ -280,6 +281,9 @@ def _decided(
     after = {h.name: _told(screened, train, h, effects, run, tell) for h in chosen}
     singles = [after[h.name].hypothesis if h.name in after else h for h in screened.hypotheses]
     leader = max(singles, key=lambda h: h.evidence)
+    if leader.name in after and after[leader.name].windows is not None and moved_on(after[leader.name]):
+        after[leader.name] = _told(screened, train, leader, effects, run, tell)
+        singles = [after[h.name].hypothesis if h.name == leader.name else h for h in singles]
     pairs = searched(after[leader.name]) if leader.name in after else ()
     verdict = judge(singles, pairs, unexplained=unexplained(screened, after.values()), cosines=cosines)
     if verdict.named is None:
@@ -289,6 +293,13 @@ def _decided(
         start = after[leader.name].model if leader.name in after and len(verdict.named.effects) == 2 else None
         after[name] = _told(screened, train, verdict.named, effects, run, tell, start=start)
     return replace(verdict, named=after[name].hypothesis), after[name], pairs
+
+
+def moved_on(named: Refitted) -> bool:
+    """Whether the strengths after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
+    before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
+    after = np.concatenate([named.hypothesis.θ(e) / e.typical for e in named.hypothesis.effects])
+    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after))
 
 
 def by_contact(screened: Screened, train: Data, effects: Sequence[Effect], noise: float) -> list[Fitted]:

@@ -80,16 +80,16 @@ def judge(singles: Sequence[Fitted], pairs: Sequence[Fitted] = (), *, unexplaine
     alike = twins(cosines)
     candidates += _classes(ranked, weight, total, alike)
     if doubled:
-        candidates.append(Candidate(tuple(e.name for e in seconds[0].effects), doubled[0] / total, seconds[0]))
+        both = (_beside(ranked, lambda h: h.evidence, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
+        names = tuple(dict.fromkeys(n for c in both for n in c))
+        pair = tuple(e.name for e in seconds[0].effects)
+        candidates.append(Candidate(names if len(names) <= LARGEST_CLASS else pair, doubled[0] / total, seconds[0]))
     candidates.sort(key=lambda c: -c.probability)
     first = candidates[0]
     if first.fitted is None:
         kind: Kind = "none" if first.names == ("none",) else "outside_library"
         return Verdict(kind, None, (), first.probability, tuple(candidates))
-    if len(first.fitted.effects) == 2:
-        classes = (_beside(ranked, lambda h: h.evidence, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
-    else:
-        classes = (first.names,)
+    classes = both if len(first.fitted.effects) == 2 else (first.names,)
     return Verdict("effect", first.fitted, classes, first.probability, tuple(candidates))
 
 
