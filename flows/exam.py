@@ -186,16 +186,19 @@ def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
 def sit(exam: Exam, *, rivals: Sequence[Rival] = (), scoreboard: Path = SCOREBOARD, say: Callable[[str], None] = lambda _: None) -> Row:
     """Make, diagnose and score all cases, then let rivals answer them.
 
-    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned.
+    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned. Raises RuntimeError when the examined
+    code was changed meanwhile: the answers would be those of no version.
     """
-    wanted = exam.questions()
+    wanted, began = exam.questions(), version()
     for number, what in generate(exam.folder, wanted):
         say(f"case {number}: {what}")
         if exam.folder.made(number):
             diagnose(exam.folder, number)
     made = [q.number for q in wanted if exam.folder.made(q.number)]
     left_out = [q.number for q in wanted if q.number not in made]
-    attempt = {"version": version(), "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}
+    if exam.split == "sealed" and version() != began:
+        raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
+    attempt = {"version": began, "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}
     attempt |= {"left_out": left_out, "cases": [mark(exam.folder, number) for number in made]}
     attempt["rivals"] = {rival.name: _answered(exam.folder, made, rival, say) for rival in rivals}
     if exam.split == "open":
@@ -223,12 +226,12 @@ def attempts(scoreboard: Path, of: str) -> list[Row]:
     return [attempt for attempt in map(json.loads, lines) if attempt["version"] == of]
 
 
-def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, ...], Row]:
+def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, int], Row]:
     """Rows of all attempts, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
-    first: dict[tuple[int, ...], Row] = {}
+    first: dict[tuple[int, int], Row] = {}  # a longer exam begins with the cases of a shorter one
     for attempt in attempts:
         for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
-            first.setdefault((attempt["seed"], attempt["count"], row["number"]), row)
+            first.setdefault((attempt["seed"], row["number"]), row)
     return first
 
 

@@ -185,3 +185,23 @@ def test_a_rival_runs_under_the_hook(tmp_path):
         check=False,
     )
     assert ended.returncode == 2 and "there is no rival 'oracle'" in ended.stderr, ended.stderr
+
+
+def test_a_longer_exam_counts_the_cases_of_a_shorter_one_once(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board = tmp_path / "board.jsonl"
+    exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    assert exam.sit(exam.Exam(folder, 2, 0, "sealed"), scoreboard=board)["cases"] == 1
+    assert exam.sit(exam.Exam(folder, 2, 1, "sealed"), scoreboard=board)["cases"] == 2  # another set
+
+
+def test_code_that_changes_during_a_sealed_exam_is_refused(folder, tmp_path, monkeypatch):
+    changing = iter("abcdef")
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    monkeypatch.setattr(exam, "version", lambda: next(changing))
+    board = tmp_path / "board.jsonl"
+    with pytest.raises(RuntimeError, match="changed during the exam"):
+        exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    assert not board.exists()

@@ -32,7 +32,7 @@ def test_a_track_is_fitted_stored_and_found_again(track, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["artifact"]["actor"] == "_track" and len(told["artifact"]["sequence"]) == 64
     assert {"kappa_s_over_rho", "kappa_b_over_rho", "density"} <= set(told["parameters"])
-    assert told["history"][-1]["loss"] < told["history"][0]["loss"]
+    assert told["history"][-1]["rms_mm"] < 1.0  # the noise that is assumed where the file names none
     assert "gauge" in told["knowledge"] and not told["cached"]
     assert run("cloth", "fit", track, "--at-rest", "--iterations", 2, "--json") == 0
     again = json.loads(capsys.readouterr().out)
