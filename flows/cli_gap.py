@@ -91,8 +91,11 @@ def _show(found: dict[str, Any], console: Console) -> None:
         told = "; ".join(f"{n} {s['value']:.3g} {s['unit']} ({s['low']:.3g} to {s['high']:.3g})" for n, s in row["strength"].items())
         table.add_row(", ".join(row["class"]), f"{row['probability']:.2f}", told)
     console.print(table)
-    zones = Table("zone", "before [mm]", "after [mm]")
+    shown = {"before_mm": "before [mm]"}
+    if found["verdict"]["kind"] == "effect":  # without a name there is no after
+        shown["after_mm"] = "after [mm]"
+    zones = Table("zone", *shown.values())
     for row in found["where"]["zones"]:
-        zones.add_row(row["zone"], *(f"{row[k]:.1f}" if row[k] is not None else "-" for k in ("before_mm", "after_mm")))
+        zones.add_row(row["zone"], *(f"{row[k]:.1f}" if row[k] is not None else "-" for k in shown))
     console.print(zones)
     console.print(f"Record next: {found['record_next']}.", soft_wrap=True)

@@ -136,8 +136,9 @@ def cause_section(answer: dict[str, Any]) -> Section:
         ]
         for row in answer["ranking"][:CLASSES]
     ]
-    zones = [[z["zone"], z["before_mm"], z["after_mm"]] for z in answer["where"]["zones"]]
-    tables = [Table(["class", "probability", "strength (90 %)"], rows), Table(["zone", "before mm", "after mm"], zones)]
+    shown = ("before_mm", "after_mm")[: 1 + (answer["verdict"]["kind"] == "effect")]  # without a name there is no after
+    zones = [[z["zone"], *(z[k] for k in shown)] for z in answer["where"]["zones"]]
+    tables = [Table(["class", "probability", "strength (90 %)"], rows), Table(["zone", *(k.replace("_", " ") for k in shown)], zones)]
     told = f"Weighed on the {answer['garment']}, in windows of a fifth of a second. Record next: {answer['record_next']}."
     return Section("Which effect is missing", [told], tables)
 
