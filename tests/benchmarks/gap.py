@@ -88,7 +88,7 @@ def planted() -> Iterator[Row]:
 
 
 def removed() -> Iterator[Row]:
-    """The planted effect, and all that count as its class, taken out of the library: nobody may be blamed with confidence."""
+    """The planted effect taken out of the library: nobody else may be blamed with confidence."""
     names = sorted(LIBRARY)[:: 15 if QUICK else 3]
     rows = _sat("removed", [_question(k, "outside", {name: 4.0}, withheld=name) for k, name in enumerate(names)])
     wrong = float(np.mean([row["kind"] == "effect" and row["probability"] >= 0.5 for row in rows])) if rows else np.nan
