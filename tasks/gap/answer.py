@@ -75,8 +75,9 @@ def sentence(found: Diagnosis) -> str:
     if v.kind == "not_testable":
         return f"Not testable: {v.reason}."
     start = f"The fitted cloth differs from the recording by {gap.before_mm:.1f} mm (floor {gap.floor_mm:.1f} mm)"
-    if v.kind == "none" and v.reason:
-        return f"{start}; {v.reason}, so nothing is named (probability of none {v.probability:.0%})."
+    if v.reason:
+        instead = v.kind.replace("_", " the ")
+        return f"{start}; {v.reason}, so nothing is named ({instead}: probability {v.probability:.0%})."
     if v.kind == "none":
         return f"{start}; no effect of the library is needed to explain that (probability {v.probability:.0%})."
     if v.kind == "outside_library":

@@ -24,7 +24,7 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confusability import confusability
-from tasks.gap.held_out import Shrinkage, shrinkage
+from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.verdict import Candidate, Twins, Verdict, judge, twins, withdrawn
@@ -377,7 +377,7 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Dat
     gap = shrinkage(before, after, floor_mm=float(floor), held_out=held)
     if verdict.named is not None and held and not gap.shrinks:
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
-        verdict = withdrawn(verdict, reason)
+        verdict, after, gap = withdrawn(verdict, reason), before, unchanged(gap)
     fps = base.model.subject.fps
     accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)
     final = corrected_model(named) if verdict.named is not None else base.model

@@ -6,7 +6,7 @@ bootstrap over windows (Efron 1982).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,12 @@ class Shrinkage:
     def shrinks(self) -> bool:
         """Whether the gap became smaller in most draws and, where there is something to close, by more than a twentieth of that."""
         return (self.closed_fraction is None or self.closed_fraction > LEAST) and self.falls > 0.5
+
+
+def unchanged(gap: Shrinkage) -> Shrinkage:
+    """The gap where nothing is named: after is as before."""
+    nothing = None if gap.closed_fraction is None else 0.0
+    return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0)
 
 
 def squared(evidence: Evidence) -> tuple[float, int]:

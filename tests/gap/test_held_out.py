@@ -6,7 +6,7 @@ import pytest
 from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.acceleration import fitted_acceleration
-from tasks.gap.held_out import shrinkage
+from tasks.gap.held_out import shrinkage, unchanged
 
 NOTHING = Normals((), np.zeros((0, 0)), np.zeros(0), 0.0, 0)
 
@@ -67,3 +67,11 @@ def test_a_cause_that_acts_in_one_window_of_five_still_shrinks_the_gap():
     gap = shrinkage(before, after, floor_mm=1.3, held_out=True)
     assert gap.closed_fraction > 0.9 and gap.shrinks
     assert gap.low < 0  # what the draws without that window say
+
+
+def test_where_nothing_is_named_after_is_as_before():
+    rng = np.random.default_rng(5)
+    gap = unchanged(shrinkage(evidence(rng, 10.0), evidence(rng, 12.0), floor_mm=3.0, held_out=True))
+    assert gap.after_mm == gap.before_mm and gap.closed_fraction == gap.low == gap.high == 0.0 and not gap.shrinks
+    floor = unchanged(shrinkage(evidence(rng, 3.0), evidence(rng, 4.0), floor_mm=3.0, held_out=True))
+    assert floor.closed_fraction is None
