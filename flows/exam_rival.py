@@ -7,17 +7,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tasks.capture.tracked_geometry import read_tracked_geometry
+from flows import gap
 from tasks.child_process import Pool
-from tasks.effects.library import library, suspects
-from tasks.effects.named import named
 from tasks.exam.rivals.answer import answer
 from tasks.exam.rivals.library import rivals
 from tasks.exam.rivals.rival import Case, Rival
-from tasks.gap.blind import predicted
-from tasks.gap.garment_recordings import garment_recordings, recording
 from tasks.geometry.faults import Fault, refuse
 
 LIMIT_S = 1800.0  # of one simulation
@@ -41,19 +35,8 @@ def run(name: str, tracks: Sequence[Path], *, predict: Path, out: Path, without:
     """The rival's answer as JSON; its blind prediction goes to `out`. Raises BadInput before any work starts."""
     start = time.perf_counter()
     (rival,) = chosen([name])
-    refuse(Fault(str(p), "there is no such file", "Give an NPZ of tracked geometry.") for p in (*tracks, predict) if not p.exists())
-    known = library()
-    left_out = named(without, known, "--without")
-    effects = tuple(suspects(e for e in known.values() if e not in left_out))
-    unseen = read_tracked_geometry(predict), str(predict)
-    garment = garment_recordings([read_tracked_geometry(p) for p in tracks], [str(p) for p in tracks], blind=unseen)
-    blind = recording(*unseen, garment, blind=True)
+    inputs = gap.read(gap.Request(tuple(tracks), predict=predict, out=out, without=tuple(without)))
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
-        reply = rival.reply(Case(garment.model, garment.recordings, effects, pool.map))
-        before, after = pool.map(_predicted, [(reply.before, blind), (reply.after, blind)])
-    np.savez_compressed(out, before=before.astype(np.float32), after=after.astype(np.float32))
+        reply = rival.reply(Case(inputs.garment.model, inputs.garment.recordings, inputs.effects, pool.map))
+        gap.predict(pool, out, inputs.blind, reply.before, reply.after)
     return answer(rival, reply, seconds=time.perf_counter() - start)
-
-
-def _predicted(job):
-    return predicted(*job)

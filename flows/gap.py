@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 
 from storage_schemas.durable import replace_file
-from tasks.capture.tracked_geometry import TrackedGeometry, read_tracked_geometry
+from tasks.capture.tracked_geometry import read_tracked_geometry
 from tasks.child_process import Pool
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.library import library, suspects
+from tasks.effects.model import Model
 from tasks.effects.named import named
 from tasks.gap.answer import answer
 from tasks.gap.blind import predicted
 from tasks.gap.coarse_garment import coarse_garment, whole_garment
 from tasks.gap.diagnosis import Diagnosis, diagnose
-from tasks.gap.garment_recordings import garment_recordings, recording
+from tasks.gap.garment_recordings import Garment, garment_recordings, recording
 from tasks.geometry.faults import BadInput, Fault, refuse
 
 LIMIT_S = 1800.0  # of one window
@@ -47,11 +48,10 @@ class Request:
 def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tuple[dict[str, Any], Diagnosis]:
     """The answer as JSON, and what it rests on. Raises BadInput before any work starts."""
     start = time.perf_counter()
-    effects, tracks, unseen = _inputs(request)
-    garment = garment_recordings(list(tracks.values()), list(tracks), blind=unseen)
-    blind = None if unseen is None else recording(*unseen, garment, blind=True)
-    for said in (w for track in tracks.values() for w in track.warnings):
+    inputs = read(request)
+    for said in inputs.warnings:
         tell(said)
+    garment = inputs.garment
     work = coarse_garment(garment) if request.quick else whole_garment(garment)
 
     kept = []
@@ -64,17 +64,16 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
         found = diagnose(
             work.garment.model,
             work.garment.recordings,
-            effects,
+            inputs.effects,
             contact_doubt=work.garment.contact_doubt,
             held_out=held_out if request.held_out else None,
             quick=request.quick,
             run=pool.map,
             tell=tell,
         )
-        if blind is not None:
+        if inputs.blind is not None:
             tell("blind prediction")
-            before, after = pool.map(_predicted, [(work.on_whole(model), blind) for model in (found.base, found.named)])
-            np.savez_compressed(request.out, before=before.astype(np.float32), after=after.astype(np.float32))
+            predict(pool, request.out, inputs.blind, work.on_whole(found.base), work.on_whole(found.named))
     told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
@@ -97,13 +96,29 @@ def _write_report(
     replace_file(request.report.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())
 
 
+def predict(pool: Pool, out: Path, blind: Recording, before: Model, after: Model) -> None:
+    """Write what two models predict of a blind recording."""
+    x = pool.map(_predicted, [(before, blind), (after, blind)])
+    np.savez_compressed(out, **{name: each.astype(np.float32) for name, each in zip(("before", "after"), x, strict=True)})
+
+
 def _predicted(job):
     return predicted(*job)
 
 
-def _inputs(request: Request) -> tuple[list[Effect], dict[str, TrackedGeometry], tuple[TrackedGeometry, str] | None]:
-    """The suspects, the recordings to learn from by name, and the blind one with its name. Raises BadInput with what is wrong with any of them."""
-    read, faults, left_out = {}, _faults(request), ()
+@dataclass(frozen=True)
+class Inputs:
+    """The suspects, the garment with its recordings, the blind recording, and what the files' reader warns of."""
+
+    effects: tuple[Effect, ...]
+    garment: Garment
+    blind: Recording | None
+    warnings: tuple[str, ...]
+
+
+def read(request: Request) -> Inputs:
+    """What a request names. Raises BadInput with everything that is wrong with any of it."""
+    tracks, faults, left_out = {}, _faults(request), ()
     known = library(request.plugins)
     try:
         left_out = named(request.without, known, "--without")
@@ -113,13 +128,16 @@ def _inputs(request: Request) -> tuple[list[Effect], dict[str, TrackedGeometry],
         if not path.exists():
             continue
         try:
-            read[path] = read_tracked_geometry(path)
+            tracks[path] = read_tracked_geometry(path)
         except BadInput as bad:
             faults += bad.faults
     refuse(faults)
-    tracks = {str(p): read[p] for p in request.tracks}
-    unseen = (read[request.predict], str(request.predict)) if request.predict else None
-    return suspects(e for e in known.values() if e not in left_out), tracks, unseen
+    unseen = (tracks[request.predict], str(request.predict)) if request.predict else None
+    names = list(dict.fromkeys(request.tracks))
+    garment = garment_recordings([tracks[p] for p in names], [str(p) for p in names], blind=unseen)
+    blind = recording(*unseen, garment, blind=True) if unseen else None
+    warnings = tuple(w for p in names for w in tracks[p].warnings)
+    return Inputs(tuple(suspects(e for e in known.values() if e not in left_out)), garment, blind, warnings)
 
 
 def _faults(request: Request) -> list[Fault]:

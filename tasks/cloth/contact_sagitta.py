@@ -41,14 +41,10 @@ def drawn_in(recording: Recording, distance: float) -> Recording:
     return replace(recording, motion=Motion(collider, recording.motion.boundary))
 
 
-def feigned_strengths(recordings: Sequence[Recording], doubt: float, fps: float) -> dict[str, float]:
-    """Column -> standard deviation of the strength that a body in the wrong place by `doubt` [m] feigns: its size, and when it arrives."""
-    speeds = [np.linalg.norm(np.diff(r.motion.collider, axis=0), axis=-1) for r in recordings if r.collider.faces.size]
-    found = {"body_offset": doubt, "contact_thickness": doubt}
-    if doubt and speeds:
-        speed = fps * float(np.sqrt(np.mean(np.concatenate([s.ravel() for s in speeds]) ** 2)))
-        found |= dict.fromkeys(("body_lag", "observation_delay"), doubt / max(speed, 1e-3))
-    return found
+def body_speed(recordings: Sequence[Recording], fps: float) -> float:
+    """Root mean square speed [m/s] of the vertices of all colliders: with it, a doubt of where the body is becomes one of when."""
+    moved = [np.linalg.norm(np.diff(r.motion.collider, axis=0), axis=-1).ravel() for r in recordings]
+    return fps * float(np.sqrt(np.mean(np.concatenate(moved) ** 2))) if sum(map(len, moved)) else 0.0
 
 
 def _sagittas(cloth: Cloth, recording: Recording, t: int) -> Array:

@@ -11,9 +11,11 @@ of the recording the body is taken to go straight on, so give a few frames more 
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
-from tasks.effects.effect import Effect, Motion, Strength, Subject
+from tasks.effects.effect import Effect, MeshDoubt, Motion, Strength, Subject
 from tasks.effects.paths_in_time import later
 
 
@@ -29,6 +31,10 @@ class BodyLag(Effect):
     @override
     def motion(self, subject: Subject, motion: Motion, θ: Sequence[float]) -> Motion:
         return Motion(later(motion.collider, θ[0] * subject.fps), motion.boundary)
+
+    @override
+    def feigned(self, doubt: MeshDoubt) -> NDArray[np.float64]:
+        return np.array([doubt.arrival])
 
 
 EFFECT = BodyLag()

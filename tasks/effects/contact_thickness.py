@@ -11,9 +11,11 @@ base's distance; normals of vertices, so sharp edges move a little less.
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
-from tasks.effects.effect import Effect, Motion, Strength, Subject
+from tasks.effects.effect import Effect, MeshDoubt, Motion, Strength, Subject
 from tasks.effects.inflated_body import inflated
 
 
@@ -29,6 +31,10 @@ class ContactThickness(Effect):
     @override
     def motion(self, subject: Subject, motion: Motion, θ: Sequence[float]) -> Motion:
         return Motion(inflated(motion.collider, subject.collider.faces, θ[0]), motion.boundary)
+
+    @override
+    def feigned(self, doubt: MeshDoubt) -> NDArray[np.float64]:
+        return np.array([doubt.contact])
 
 
 EFFECT = ContactThickness()

@@ -20,6 +20,7 @@ from tasks.simulator.potential import Potential
 
 Array = NDArray[np.float64]
 Kind = Literal["potential", "force", "state", "collider", "observation", "rerun"]
+STILL = 1e-3  # [m/s] a body that moves less tells nothing of time
 Keeps = Literal["rest", "statics", "momentum", "energy", "shape", "gauge"]
 
 
@@ -51,6 +52,23 @@ class Motion:
 
     collider: Array
     boundary: Array
+
+
+@dataclass(frozen=True)
+class MeshDoubt:
+    """What a coarse mesh leaves in doubt, as standard deviations: contact [m], where the body holds cloth; scale [1] of all lengths.
+
+    body_speed [m/s]: root mean square.
+    """
+
+    contact: float
+    body_speed: float
+    scale: float
+
+    @property
+    def arrival(self) -> float:
+        """When the body meets cloth [s]."""
+        return self.contact / max(self.body_speed, STILL)
 
 
 class Effect:
@@ -113,6 +131,10 @@ class Effect:
     def observe(self, subject: Subject, x: Array, θ: Sequence[float]) -> Array:
         """What a tracker with this fault reports [T, V, 3] m of cloth that is at x [T, V, 3] m."""
         return x
+
+    def feigned(self, doubt: MeshDoubt) -> Array:
+        """Standard deviations [K] of the strengths that a coarse mesh alone may feign."""
+        return np.zeros(len(self.strengths))
 
     @property
     def acts_through(self) -> frozenset[str]:

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
-from tasks.effects.effect import Effect, Strength
+from tasks.effects.effect import Effect, MeshDoubt, Strength
 from tasks.simulator import Fabric
 
 
@@ -34,6 +35,10 @@ class FabricRestScale(Effect):
     @override
     def fabric(self, fabric: Fabric, θ: Sequence[float]) -> Fabric:
         return replace(fabric, rest_scale=fabric.rest_scale * float(np.exp(θ[0])))
+
+    @override
+    def feigned(self, doubt: MeshDoubt) -> NDArray[np.float64]:
+        return np.array([doubt.scale])
 
 
 EFFECT = FabricRestScale()

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from typing_extensions import override
 
-from tasks.effects.effect import Effect, Strength, Subject
+from tasks.effects.effect import Effect, MeshDoubt, Strength, Subject
 from tasks.simulator import Fabric
 from tasks.simulator.gravity import STANDARD
 from tasks.simulator.potential import NO_STIFFNESS, Array, Blocks, Potential, Step
@@ -71,6 +71,10 @@ class ObservationScale(Effect):
     @override
     def potentials(self, subject: Subject, θ: Sequence[float]) -> tuple[Potential, ...]:
         return (StrongerGravity(subject.fabric.areal_density * subject.cloth.vertex_areas, θ[0]),)
+
+    @override
+    def feigned(self, doubt: MeshDoubt) -> Array:
+        return np.array([doubt.scale])
 
 
 EFFECT = ObservationScale()

@@ -16,9 +16,10 @@ from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.budget import Item, budget
 from tasks.gap.confusability import Confusability, confusability
 from tasks.gap.constancy import Constancy, by_speed, by_window, by_zone, speeds
-from tasks.gap.diagnosis import Diagnosis, Screened
+from tasks.gap.diagnosis import Diagnosis
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.residual import rms_mm, weft_direction, where
+from tasks.gap.screening import Screened
 from tasks.gap.spectrum import Spectrum, spectrum
 from tasks.gap.stretches import Stretch, stretches
 from tasks.gap.zones import ZONES

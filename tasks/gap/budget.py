@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tasks.cloth.shooting import without_state
-from tasks.gap.diagnosis import Screened
 from tasks.gap.hypotheses import Fitted
+from tasks.gap.screening import Screened
 from tasks.gap.shapley import misfit_taken
 
 Part = Literal["base", "numerics", "effect", "refit", "unexplained", "noise"]

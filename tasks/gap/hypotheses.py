@@ -74,7 +74,7 @@ class Weight:
 class Fitted:
     """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K, K].
 
-    misfits [W]: of each window beyond noise, fitted on the others; each [W, K]: the strengths found without that window; weights: of each effect.
+    misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect.
     """
 
     effects: tuple[Effect, ...]
@@ -83,7 +83,6 @@ class Fitted:
     strengths: dict[str, float]
     covariance: Array
     misfits: Array
-    each: Array
     weights: tuple[Weight, ...]
 
     @property
@@ -175,7 +174,7 @@ class Windows:
         columns = [c for e in effects for c in e.columns]
         k = [at(c) for c in columns]
         strengths = {c: float(θ[at(c)]) for c in columns}
-        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[np.ix_(k, k)], misfits, each[:, k], weights)
+        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[np.ix_(k, k)], misfits, weights)
 
     def left(self, effects: Sequence[Effect]) -> float:
         """Misfit per coordinate with these effects."""

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.windows import Recording, Window, windows
-from tasks.gap.diagnosis import Data, Diagnosis, split
+from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.gathered import Gathered, split
 from tasks.gap.residual import rms_mm
 
 Array = NDArray[np.float64]
@@ -52,4 +53,4 @@ def _compared(found: Diagnosis, recordings: Sequence[Recording], held_out: Seque
     fps = found.base.subject.fps
     if held_out is not None:
         return windows(held_out, fps)
-    return list(split(Data(tuple(recordings), (), tuple(windows(recordings, fps))))[1].windows)
+    return list(split(Gathered(tuple(recordings), (), tuple(windows(recordings, fps))))[1].windows)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.cloth.contact_sagitta import contact_sagitta, drawn_in, feigned_strengths
+from tasks.cloth.contact_sagitta import body_speed, contact_sagitta, drawn_in
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion
 from tasks.simulator import NO_COLLIDER, Cloth, Collider
@@ -63,10 +63,12 @@ def test_a_body_is_drawn_in_by_the_distance(laid):
     np.testing.assert_allclose(np.hypot(rings[..., 0], rings[..., 1]), RADIUS - 0.002, atol=2e-5)
 
 
-def test_a_body_that_moves_fast_arrives_early_by_little(laid):
+def test_the_speed_of_the_body(laid):
     _, recording = laid
     shifted = recording.motion.collider + np.arange(6)[:, None, None] / FPS * np.array([0.4, 0, 0])
     moving = Recording(recording.collider, Motion(shifted, recording.motion.boundary), recording.observed, recording.noise)
-    found = feigned_strengths([moving], 0.002, FPS)
-    assert found["body_offset"] == 0.002
-    assert found["body_lag"] == pytest.approx(0.002 / 0.4)
+    assert body_speed([moving], FPS) == pytest.approx(0.4)
+    assert body_speed([recording, moving], FPS) == pytest.approx(0.4 / np.sqrt(2))
+    assert (
+        body_speed([Recording(NO_COLLIDER, Motion(np.zeros((6, 0, 3)), moving.motion.boundary), moving.observed, moving.noise)], FPS) == 0.0
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.effects.boundary_slip import turns
-from tasks.effects.effect import Motion
+from tasks.effects.effect import MeshDoubt, Motion
 from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.simulator import Cloth, Collider, Settings
@@ -173,3 +173,16 @@ def test_the_finer_mesh_carries_everything_along(rounds):
     np.testing.assert_allclose(driven[0], effect.start(s, x0, θ)[fine.cloth.boundary], atol=1e-12)
     frames, _ = walk(hanging(), (effect,), {effect.name: np.array(θ)})
     assert 1e-6 < np.abs(frames[-1].x[:V] - hanging()[2]).max() < 2e-3
+
+
+def test_a_mesh_that_holds_cloth_off_feigns_size_and_time_and_one_with_folds_scale():
+    doubt = MeshDoubt(contact=0.002, body_speed=0.4, scale=0.01)
+    found = {e.name: float(e.feigned(doubt).max()) for e in library().values() if e.feigned(doubt).any()}
+    contact, time, scale = (
+        ("body_offset", "contact_thickness"),
+        ("body_lag", "observation_delay"),
+        ("fabric_rest_scale", "observation_scale"),
+    )
+    assert found == pytest.approx(dict.fromkeys(contact, 0.002) | dict.fromkeys(time, 0.005) | dict.fromkeys(scale, 0.01))
+    still = MeshDoubt(contact=0.002, body_speed=0.0, scale=0.0)
+    assert library()["body_lag"].feigned(still)[0] > 1  # a body at rest: no delay can be excluded

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tasks.effects.effect import Effect
+from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.library import library, suspects
 from tasks.effects.model import Model
 from tasks.simulator import Fabric, Settings, Step, StepTangent
@@ -346,5 +346,15 @@ def test_all_tangents_in_one_walk_are_those_of_each_alone():
 
 def test_hooks_are_all_known():
     hooks = {name for name, _ in inspect.getmembers(Effect, inspect.isfunction)}
-    assert hooks == {"fabric", "settings", "potentials", "motion", "subject", "start", "observe"}
+    assert hooks == {"fabric", "settings", "potentials", "motion", "subject", "start", "observe", "feigned"}
     assert len(list(Model(struck()[0], TIGHT).run(struck()[1], *struck()[2:]))) == FRAMES
+
+
+@every
+def test_what_a_mesh_may_feign_grows_with_its_doubt(effect):
+    """An effect that a coarse mesh can feign says so for each kind of doubt in proportion, and the others do not."""
+    sure, doubtful = MeshDoubt(0.0, 0.5, 0.0), MeshDoubt(0.002, 0.5, 0.01)
+    assert not effect.feigned(sure).any()
+    σ = effect.feigned(doubtful)
+    assert σ.shape == (len(effect.strengths),) and (σ >= 0).all()
+    np.testing.assert_allclose(effect.feigned(MeshDoubt(0.004, 0.5, 0.02)), 2 * σ)

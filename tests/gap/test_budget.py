@@ -8,7 +8,7 @@ import pytest
 from tasks.cloth.shooting import Evidence, Prior
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.budget import budget
-from tasks.gap.diagnosis import compress
+from tasks.gap.screening import compress
 from tests.gap.synthetic import EFFECTS, NAMES, TYPICAL, dense
 
 STATE, PRIOR, START = ["x 0 x", "v 0 x"], Prior(0.5, 2.0), 9.0

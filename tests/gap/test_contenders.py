@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.gap.diagnosis import contenders
+from tasks.gap.refits import contenders
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 NOBODY = frozenset()

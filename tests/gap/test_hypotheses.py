@@ -70,8 +70,10 @@ def test_misfits_are_of_windows_that_the_strengths_were_not_fitted_on():
     h = w.fit([EFFECTS[0]])
     others = Windows([n for k, n in enumerate(w.normals) if k != 2], EFFECTS)
     others.__dict__["overdispersion"] = np.delete(w.overdispersion, 2)
-    θ = others.fit([EFFECTS[0]])
-    assert h.each[2, 0] == pytest.approx(θ.strengths["air_normal_drag"])
+    other, n = others.fit([EFFECTS[0]]), w.normals[2]
+    step = np.array([*other.base, other.strengths["air_normal_drag"]])
+    i = n.index([*PARAMETERS, "air_normal_drag"])
+    assert h.misfits[2] == pytest.approx(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step - w.noise[2])
 
 
 def test_a_strength_stays_within_its_plausible_range():

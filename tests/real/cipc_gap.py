@@ -19,7 +19,8 @@ from tasks.cloth.windows import Recording, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library, suspects
 from tasks.effects.model import Model
-from tasks.gap.diagnosis import Data, screen, split
+from tasks.gap.gathered import Gathered, split
+from tasks.gap.screening import screen
 from tasks.gap.verdict import judge
 from tests.benchmarks.simulator import AS_CIPC, recording
 
@@ -27,7 +28,7 @@ FPS = 25.0
 NOISE = 2e-4  # [m] one step of ours lands within 0.15 mm of C-IPC's in the median
 
 
-def data_of(name: str) -> tuple[Model, Data]:
+def data_of(name: str) -> tuple[Model, Gathered]:
     """The base model in its known fabric, and the run with the states that C-IPC's own positions give."""
     cloth, fabric, collider, x, c = recording(name)
     subject = Subject(cloth, fabric, collider, np.full(len(cloth.x_rest), "free"), FPS)
@@ -35,7 +36,7 @@ def data_of(name: str) -> tuple[Model, Data]:
     v[1:] = (x[1:] - x[:-1]) * FPS  # backward Euler's own velocity
     seen = Recording(collider, Motion(c, x[:, cloth.boundary]), x, np.full(x.shape[:2], NOISE))
     cut = tuple(replace(w, start=max(w.start, 1)) for w in windows([seen], FPS))
-    return Model(subject, AS_CIPC), Data(
+    return Model(subject, AS_CIPC), Gathered(
         (seen,), (States(x, v, "converged"),), tuple(replace(w, length=w.length - (w.start == 1)) for w in cut)
     )
 

@@ -10,7 +10,8 @@ from tasks.cloth.shooting import BaseFit, refit
 from tasks.cloth.state_modes import smooth_modes
 from tasks.exam.rivals.rival import NONE, Case, Reply, Rival
 from tasks.gap.acceleration import residual_acceleration
-from tasks.gap.diagnosis import MODES, Data, gather, jobs
+from tasks.gap.gathered import Gathered, gather, jobs
+from tasks.gap.screening import MODES
 
 
 def base_refit(case: Case) -> Reply:
@@ -19,7 +20,7 @@ def base_refit(case: Case) -> Reply:
     return Reply({NONE: 0.0}, base.model, base.model, vertex_accel=residual_acceleration(base.evidence, case.model.subject.fps))
 
 
-def refitted(case: Case) -> tuple[Data, BaseFit]:
+def refitted(case: Case) -> tuple[Gathered, BaseFit]:
     """States and windows of all recordings, and the base model fitted to them."""
     data = gather(case.model, case.recordings, case.run)
     φ = smooth_modes(case.model.subject.cloth, MODES)

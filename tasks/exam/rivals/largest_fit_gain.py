@@ -18,7 +18,8 @@ from tasks.exam.rivals.base_refit import refitted
 from tasks.exam.rivals.linear_fit import Fit, applied, column_names, fit
 from tasks.exam.rivals.rival import NONE, Array, Case, Reply, Rival
 from tasks.gap.acceleration import fitted_acceleration
-from tasks.gap.diagnosis import MODES, jobs
+from tasks.gap.gathered import jobs
+from tasks.gap.screening import MODES
 
 
 def largest_fit_gain(case: Case) -> Reply:

@@ -1,0 +1,89 @@
+"""Recordings of one garment with the states that their windows start from, and which windows teach and which are kept for the end."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.shooting import Job, Map
+from tasks.cloth.start_state import States, states
+from tasks.cloth.windows import Recording, Window, windows
+from tasks.cloth.yielded_collider import with_yielded_collider
+from tasks.effects.model import Model
+
+Array = NDArray[np.float64]
+
+HELD = 0.3  # share of each recording kept for the end where no recording is given for it
+FEWEST_WINDOWS = 4  # of training windows that can be followed
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """Recordings of one garment with the states their windows start from."""
+
+    recordings: tuple[Recording, ...]
+    states: tuple[States, ...]
+    windows: tuple[Window, ...]
+
+    @property
+    def noise(self) -> float:
+        """Median over recordings [m]."""
+        return typical_noise(self.recordings)
+
+    def only(self, windows: Iterable[Window]) -> "Gathered":
+        """Some of the windows."""
+        return replace(self, windows=tuple(windows))
+
+
+def typical_noise(recordings: Sequence[Recording]) -> float:
+    """Median over recordings of their median noise [m]."""
+    return float(np.median([np.median(r.noise) for r in recordings]))
+
+
+def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Gathered:
+    """States and windows of recordings; windows that start where the cloth could not be brought to what was seen are left out."""
+    found = list(run(_states, [(model, r) for r in recordings]))
+    yielded, walked = zip(*found, strict=True)
+    cut = windows(yielded, model.subject.fps)
+    return Gathered(yielded, walked, tuple(w for w in cut if w.start < len(walked[w.recording].x)))
+
+
+def _states(job: tuple[Model, Recording]) -> tuple[Recording, States]:
+    model, recording = job
+    recording = with_yielded_collider(recording, model)
+    return recording, states(recording.scene(model), recording.motion, recording.observed, float(np.median(recording.noise)))
+
+
+def restated(model: Model, data: Gathered, run: Map = map) -> Gathered:
+    """The states that another model finds: cloth too soft keeps the noise as wrinkles, which make it look softer than it is."""
+    walked = list(run(_restate, [(model, r) for r in data.recordings]))
+    return replace(data, states=tuple(new if len(new.x) >= len(old.x) else old for new, old in zip(walked, data.states, strict=True)))
+
+
+def restarted(model: Model, data: Gathered, run: Map = map) -> Gathered:
+    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too."""
+    moved_body = any("motion" in e.acts_through and model.strength(e).any() for e in model.effects)
+    return restated(model, data, run) if moved_body else data
+
+
+def _restate(job: tuple[Model, Recording]) -> States:
+    model, recording = job
+    model = recording.scene(model)
+    return states(model, model.driven(recording.motion), recording.observed, float(np.median(recording.noise)))
+
+
+def split(data: Gathered) -> tuple[Gathered, Gathered]:
+    """Training windows, and the last part of each recording to hold out (none where a recording is too short)."""
+    train, held = [], []
+    for k in range(len(data.recordings)):
+        own = [w for w in data.windows if w.recording == k]
+        count = round(HELD * len(own)) if len(own) > FEWEST_WINDOWS else 0
+        train += own[: len(own) - count]
+        held += own[len(own) - count :]
+    return data.only(train), data.only(held)
+
+
+def jobs(model: Model, data: Gathered, φ: Array, **options) -> list[Job]:
+    """One job per window."""
+    return [Job(model, data.recordings[w.recording], w, data.states[w.recording], φ, **options) for w in data.windows]

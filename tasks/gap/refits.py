@@ -1,0 +1,98 @@
+"""Refits of hypotheses with the simulator: which are worth one, the refit, and what a second effect would add beside it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tasks.cloth.numerics import corrected
+from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, without_state
+from tasks.cloth.state_modes import smooth_modes
+from tasks.effects.effect import Effect
+from tasks.effects.model import Model
+from tasks.gap.gathered import Gathered, jobs, restarted
+from tasks.gap.hypotheses import Fitted, Windows
+from tasks.gap.interpenetration import cleared
+from tasks.gap.screening import MODES, Screened
+from tasks.gap.verdict import Twins
+
+FAR = 0.1  # change of the leading strength by a refit that is worth another one
+WORTH = 1.0  # least evidence of one that is,
+CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, and these linear about it."""
+
+    hypothesis: Fitted
+    model: Model
+    evidence: tuple[Evidence, ...]
+    windows: Windows | None
+
+
+def refitted(
+    screened: Screened, data: Gathered, hypothesis: Fitted, effects: Sequence[Effect], *, start: Model | None = None, run: Map = map
+) -> Refitted:
+    """The training windows followed once more with the hypothesis' effects at their strengths, and what a last linear step adds.
+
+    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents.
+    """
+    base, fabric = screened.base, (start or screened.base.model).subject.fabric
+    model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
+    model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
+    φ = smooth_modes(model.subject.cloth, MODES)
+    data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
+    todo = jobs(model, data, φ, columns=True, prior=base.prior)
+    evidence = tuple(run(follow, [replace(job, offset=e.offset) for job, e in zip(todo, screened.evidence, strict=True)]))
+    if not all(e.prediction.complete for e in evidence):
+        return Refitted(replace(hypothesis, weights=()), model, evidence, None)
+    normals = [corrected(without_state(e.normals, base.prior)) for e in evidence]
+    about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
+    return Refitted(about.fit(hypothesis.effects), model, evidence, about)
+
+
+def searched(named: Refitted) -> tuple[Fitted, ...]:
+    """Second effects beside a single one that was simulated: what it leaves, they may explain."""
+    if named.windows is None or len(named.hypothesis.effects) != 1:
+        return ()
+    own = named.hypothesis.effects[0]
+    return tuple(named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
+
+
+def moved_on(named: Refitted) -> bool:
+    """Whether the strengths after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
+    before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
+    after = np.concatenate([named.hypothesis.θ(e) / e.typical for e in named.hypothesis.effects])
+    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after))
+
+
+def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], alike: Twins) -> list[Fitted]:
+    """Effects on the body that cloth seen inside it asks for, at the strength that clears it: derivatives cannot tell of them. Of twins, one."""
+    linear, chosen = {h.name: h for h in screened.hypotheses}, []
+    for name, θ in cleared(screened.base.model, train.recordings, effects, train.noise).items():
+        if all(frozenset((name, c.name)) not in alike for c in chosen):
+            chosen.append(replace(linear[name], strengths={name: θ}))
+    return chosen
+
+
+def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins) -> list[Fitted]:
+    """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the strongest.
+
+    Of twins one is enough. At most `most`, of the others at least one.
+    """
+    strongest = max(h.evidence for h in singles)
+    near = [h for h in singles if h.evidence > max(WORTH, strongest - max(CONTENDER, SHARE * strongest))]
+    chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
+    for h in sorted(near, key=lambda h: -h.evidence):
+        if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):
+            chosen.append(h)
+    return chosen
+
+
+def corrected_model(named: Refitted) -> Model:
+    """The model of a refit after its last linear step."""
+    h, model = named.hypothesis, named.model
+    fabric = moved(model.subject.fabric, h.base)[0]
+    acting = tuple(e for e in model.effects if e.name in model.strengths)  # the others were there for their tangents
+    return with_fabric(replace(model, effects=acting, strengths={**model.strengths, **{e.name: h.θ(e) for e in h.effects}}), fabric)
