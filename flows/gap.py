@@ -73,7 +73,8 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
         )
         if inputs.blind is not None:
             tell("blind prediction")
-            predict(pool, request.out, inputs.blind, work.on_whole(found.base), work.on_whole(found.named))
+            before = work.on_whole(found.base)
+            predict(pool, request.out, inputs.blind, before, before if found.named is found.base else work.on_whole(found.named))
     told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
@@ -97,9 +98,10 @@ def _write_report(
 
 
 def predict(pool: Pool, out: Path, blind: Recording, before: Model, after: Model) -> None:
-    """Write what two models predict of a blind recording."""
-    x = pool.map(_predicted, [(before, blind), (after, blind)])
-    np.savez_compressed(out, **{name: each.astype(np.float32) for name, each in zip(("before", "after"), x, strict=True)})
+    """Write what two models, or one that serves as both, predict of a blind recording."""
+    models = [before] if after is before else [before, after]
+    x = [each.astype(np.float32) for each in pool.map(_predicted, [(model, blind) for model in models])]
+    np.savez_compressed(out, before=x[0], after=x[-1])
 
 
 def _predicted(job):

@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 
 from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
 from tasks.cloth.numerics import corrected
-from tasks.cloth.shooting import DAMPING, SCALE, BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, with_fabric, without_state
+from tasks.cloth.shooting import DAMPING, SCALE, BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, with_fabric, without_nuisances
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
@@ -72,7 +72,7 @@ def refit_jointly(
             ending = "converged: no shorter step lowers the misfit"
             break
         model, now = better
-        prior = estimated_prior(now, noise)
+        prior = estimated_prior(now, noise, prior)
         history.append(_row(model, now, prior))
         tell(f"{_strengths_told(model)}: misfit {history[-1]['misfit']:.3g}")
     return Completed(model, tuple(now), prior, tuple(history), ending)
@@ -138,7 +138,7 @@ def _bounds(model: Model) -> tuple[Array, Array]:
 
 def _told(model: Model, evidence: Evidence, prior: Prior) -> Normals:
     """Normal equations of one window in θ, start state and numerics integrated out."""
-    n = corrected(without_state(evidence.normals, prior))
+    n = corrected(without_nuisances(evidence.normals, prior))
     columns = [(c, abs(s.typical)) for e in model.effects for c, s in zip(e.columns, e.strengths, strict=True)]
     names = (*PARAMETERS, *(c for c, _ in columns))
     unit = np.array([1.0] * len(PARAMETERS) + [typical for _, typical in columns])

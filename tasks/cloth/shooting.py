@@ -4,8 +4,10 @@
 
 The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
 Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only.
-P = diag(σ_x², σ_v²) is estimated from the data by the marginal likelihood. Levenberg damping; a step is kept when it lowers the loss over the
-windows that were followed before and after.
+P = diag(σ_x², σ_v²) and the correlation in R are those of highest marginal likelihood, Σ_w r_wᵀC_w⁻¹r_w + log|C_w|. Levenberg damping; a step is
+kept when it lowers the loss over the windows that were followed before and after.
+
+Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are weighed (`Job.forced`).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -16,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.start_state import States
-from tasks.cloth.windows import Normals, Prediction, Recording, Window, columns_of, log_determinant, marginalised, normals, predict
+from tasks.cloth.tracking_noise import CANDIDATES, Correlation
+from tasks.cloth.windows import Normals, Prediction, Recording, Window, columns_of, marginalised, normals, predict
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
 
 Array = NDArray[np.float64]
 Map = Callable[..., Iterable]
+NUISANCES = ("x ", "v ", "a ")  # how names of columns begin that are marginalised: start state and forcing
 
 PARAMETERS = ("log_membrane", "log_bending")
 REFERENCE_DENSITY = 320.0  # [kg/m³] the bounds hold for κ · 320/ρ: they limit the ratios
@@ -31,28 +35,30 @@ SETTLED = 0.05  # of a logarithm
 PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth another round
 DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
 SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
-SIGMA_X = (0.3, 1.0, 3.0)  # candidates for σ_x, of the noise
-SIGMA_V = (0.01, 0.03, 0.1, 0.3, 1.0)  # candidates for σ_v [m/s]
+SIGMA_X = (0.1, 0.3, 1.0, 3.0)  # candidates for σ_x, of the noise,
+SIGMA_V = (0.01, 0.03, 0.1, 0.3, 1.0)  # for σ_v [m/s],
+SIGMA_A = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)  # and for σ_a [m/s²]
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Standard deviations of a start state's smooth modes: σ_x [m], σ_v [m/s]."""
+    """Standard deviations of smooth modes: σ_x [m] and σ_v [m/s] of a start state, σ_a [m/s²] of the forcing."""
 
     x: float
     v: float
+    a: float = 0.0
 
     def variances(self, names: Sequence[str]) -> Array:
-        """One per state column."""
-        return np.array([self.x**2 if name.startswith("x ") else self.v**2 for name in names])
+        """One per column."""
+        return np.array([{"x": self.x, "v": self.v, "a": self.a}[name[0]] ** 2 for name in names])
 
 
 @dataclass(frozen=True)
 class Evidence:
     """A followed window: its prediction and its normal equations.
 
-    The prediction keeps the columns of effects and base parameters; where the job gave a prior of the start state, what the start state
-    explains has been taken out of them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen).
+    The prediction keeps the columns of effects and base parameters; where the job gave a prior, what the start state explains has been taken out of
+    them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen).
     """
 
     prediction: Prediction
@@ -65,7 +71,8 @@ class Evidence:
 class Job:
     """One window to follow; picklable, so that processes and workers can share the work.
 
-    offset [L, V, 3] m: what a finer computation of the same model adds; it enters as the column "numerics".
+    columns: derivatives by all effects of the model; forced: and by the forcing. offset [L, V, 3] m: what a finer computation of the same model adds; it
+    enters as the column "numerics".
     """
 
     model: Model
@@ -74,6 +81,7 @@ class Job:
     states: States
     φ: Array
     columns: bool = False
+    forced: bool = False
     parameters: tuple[str, ...] = PARAMETERS
     prior: Prior | None = None
     offset: Array | None = None
@@ -81,25 +89,25 @@ class Job:
 
 def follow(job: Job) -> Evidence:
     """Simulate one window and compare it with what was observed."""
-    found = predict(job.model, job.recording, job.window, job.states, parameters=job.parameters, φ=job.φ, columns=job.columns)
+    found = predict(
+        job.model, job.recording, job.window, job.states, parameters=job.parameters, φ=job.φ, columns=job.columns, forced=job.forced
+    )
     if not found.complete:
         return Evidence(found, Normals((), np.zeros((0, 0)), np.zeros(0), np.nan, 0))
     if job.offset is not None:
         found.columns["numerics"] = job.offset
-    free = np.ones(job.recording.observed.shape[1], bool)
-    free[job.model.subject.cloth.boundary] = False
-    equations = normals(found, job.recording, free)
+    equations = normals(found, job.recording, job.model.subject.cloth)
     residual = job.recording.observed[job.window.frames][1:] - found.x[1:]
     if job.prior is not None:
         residual, found = _without_state_fields(found, equations, residual, job.prior)
-    kept = {name: c for name, c in found.columns.items() if name[:2] not in ("x ", "v ")}
+    kept = {name: c for name, c in found.columns.items() if name[:2] not in NUISANCES}
     return Evidence(replace(found, columns=kept), equations, residual, job.offset)
 
 
 def _without_state_fields(found: Prediction, n: Normals, residual: Array, prior: Prior) -> tuple[Array, Prediction]:
     """Residual and columns less what the start state's posterior mean explains of each."""
     z = state_names(n.names)
-    i, x = n.index(z), [name for name in n.names if name not in set(z)]
+    i, x = n.index(z), [name for name in n.names if name[:2] not in NUISANCES]
     H = n.G[np.ix_(i, i)] + np.diag(1 / prior.variances(z))
     weights = np.linalg.solve(H, np.column_stack([n.g[i], n.G[np.ix_(i, n.index(x))]]))
     S = np.stack([found.columns[name] for name in z], -1)
@@ -112,24 +120,64 @@ def state_names(names: Sequence[str]) -> list[str]:
     return [*columns_of(names, "x "), *columns_of(names, "v ")]
 
 
+def nuisances(names: Sequence[str]) -> list[str]:
+    """Columns of the start state and of the forcing, in this order."""
+    return [*state_names(names), *columns_of(names, "a ")]
+
+
+def without_nuisances(normals: Normals, prior: Prior) -> Normals:
+    """Normal equations with start state and forcing marginalised."""
+    z = nuisances(normals.names)
+    return marginalised(normals, z, prior.variances(z))
+
+
 def without_state(normals: Normals, prior: Prior) -> Normals:
-    """Normal equations with the start state marginalised."""
+    """Normal equations with the start state marginalised; the forcing keeps its columns."""
     z = state_names(normals.names)
     return marginalised(normals, z, prior.variances(z))
 
 
-def estimated_prior(evidence: Sequence[Evidence], noise: float) -> Prior:
-    """The σ_x, σ_v of highest marginal likelihood, on a grid; what the base parameters could explain is left in."""
+def estimated_prior(evidence: Sequence[Evidence], noise: float, near: Prior | None = None) -> Prior:
+    """The σ_x, σ_v, and σ_a where there is forcing, of highest marginal likelihood on a grid, one after the other, from those `near`; what base
+    parameters could explain is left in. Forcing has the first say: a wide prior of the start would take for error what pushes the cloth."""
     done = [e.normals for e in evidence if e.prediction.complete]
+    forced = any(name.startswith("a ") for n in done[:1] for name in n.names)
+    candidates = {"a": SIGMA_A if forced else (0.0,), "x": [s * noise for s in SIGMA_X], "v": SIGMA_V}
+    prior = near or (Prior(candidates["x"][0], SIGMA_V[0]) if forced else Prior(noise, SIGMA_V[2]))
+    for _ in range(1 if near else 2):
+        for name, values in candidates.items():
+            close = [v for v in values if near is None or _neighbours(values, getattr(near, name), v)]
+            prior = min((replace(prior, **{name: v}) for v in close), key=lambda p: minus_log_likelihood(done, p))
+    return prior
 
-    def loss(prior: Prior) -> float:
-        total = 0.0
-        for n in done:
-            z = state_names(n.names)
-            total += marginalised(n, z, prior.variances(z)).c + log_determinant(n, z, prior.variances(z))
-        return total
 
-    return min((Prior(a * noise, b) for a, b in product(SIGMA_X, SIGMA_V)), key=loss)
+def _neighbours(grid: Sequence[float], a: float, b: float) -> bool:
+    return abs(int(np.argmin(np.abs(np.subtract(grid, a)))) - int(np.argmin(np.abs(np.subtract(grid, b))))) <= 1
+
+
+def minus_log_likelihood(normals: Sequence[Normals], prior: Prior) -> float:
+    """Σ_w r_wᵀC_w⁻¹r_w + log|C_w|."""
+    each = [without_nuisances(n, prior) for n in normals]
+    return sum(n.c + n.logdet for n in each)
+
+
+def estimated_correlation(jobs: Sequence[Job], prior: Prior, noise: float, run: Map = map) -> Correlation:
+    """The correlation of the tracker's errors of highest marginal likelihood, over a few windows; σ_x and σ_a, which would take errors shared by
+    neighbours for motion, are chosen along with it."""
+    each = [losses for losses in run(_losses, [(job, prior, noise) for job in jobs]) if losses is not None]
+    return CANDIDATES[int(np.argmin(np.sum(each, 0).min(1)))] if each else CANDIDATES[0]
+
+
+def _losses(job: tuple[Job, Prior, float]) -> Array | None:
+    """−2 log likelihood of a window [candidate, σ_x and σ_a]."""
+    todo, prior, noise = job
+    found = predict(todo.model, todo.recording, todo.window, todo.states, parameters=(), φ=todo.φ, forced=True)
+    if not found.complete:
+        return None
+    cloth = todo.model.subject.cloth
+    each = [normals(found, replace(todo.recording, correlation=c), cloth) for c in CANDIDATES]
+    priors = [replace(prior, x=s * noise, a=a) for s, a in product(SIGMA_X, SIGMA_A[::2])]
+    return np.array([[minus_log_likelihood([n], p) for p in priors] for n in each])
 
 
 @dataclass(frozen=True)
@@ -171,7 +219,7 @@ def refit(
         if _loss(tried, now, prior) < _loss(now, tried, prior):
             model, now, damping = tried_model, tried, DAMPING[0]
             jobs = [replace(job, model=model) for job in jobs]
-            prior = estimated_prior(now, noise)
+            prior = estimated_prior(now, noise, prior)
         elif damping == DAMPING[-1]:
             ending = "converged: no shorter step lowers the misfit"
             break
@@ -182,8 +230,8 @@ def refit(
 
 
 def weighed(evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
-    """Normal equations of the windows that were followed, the start state marginalised, each over its own scale s_w."""
-    found = [without_state(e.normals, prior) for e in evidence if e.prediction.complete]
+    """Normal equations of the windows that were followed, start state and forcing marginalised, each over its own scale s_w."""
+    found = [without_nuisances(e.normals, prior) for e in evidence if e.prediction.complete]
     scale = [max(n.c / n.n, SCALE) for n in found]
     return [replace(n, G=n.G / s, g=n.g / s, c=n.c / s) for n, s in zip(found, scale, strict=True)]
 
@@ -217,14 +265,14 @@ def _loss(of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> f
     both = [e.prediction.complete and b.prediction.complete for e, b in zip(of, beside, strict=True)]
     if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
         return np.inf
-    found = [without_state(e.normals, prior) for e, ok in zip(of, both, strict=True) if ok]
+    found = [without_nuisances(e.normals, prior) for e, ok in zip(of, both, strict=True) if ok]
     return sum(n.n * float(np.log(max(n.c / n.n, SCALE))) for n in found)
 
 
 def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:
     done = [e.normals for e in now if e.prediction.complete]
     n = max(sum(d.n for d in done), 1)
-    misfit = sum(without_state(d, prior).c for d in done) / n
+    misfit = sum(without_nuisances(d, prior).c for d in done) / n
     return {
         "kappa_s": fabric.membrane,
         "kappa_b": fabric.bending,

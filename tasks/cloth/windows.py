@@ -1,11 +1,12 @@
 """Multiple shooting: the recording cut into short windows, each simulated from its own start, with the derivatives of what it predicts.
 
 Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they hold.
-A window starts from the state of `start_state.py`, whose error is marginalised, not fitted: its smooth modes z ~ N(0, diag(σ_x², σ_v²)) enter
+A window starts from the state of `start_state.py`, whose error is marginalised, not fitted, and so is what may accelerate the cloth beyond the model
+(`forcing.py`): z ~ N(0, diag(σ_x², σ_v², σ_a²)) enters
 
     y − x(θ₀) = S_θ (θ − θ₀) + S_z z + ε,    ε ~ N(0, R)
 
-as columns. What a window says about everything is kept as its normal equations, whitened by the noise: a few hundred numbers squared.
+as columns. What a window says about everything is kept as its normal equations, whitened by the noise (`tracking_noise.py`): a few hundred numbers squared.
 
 Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
 """
@@ -17,12 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_triangular
 
+from tasks.cloth.forcing import Forcing
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import state_columns
+from tasks.cloth.tracking_noise import INDEPENDENT, Correlation, whitened
 from tasks.effects.effect import Motion
 from tasks.effects.model import Model
-from tasks.simulator.cloth import Collider
+from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
@@ -33,12 +37,13 @@ LENGTH_S = 0.18  # [s] the start's error and the base's own chaos grow: at a thi
 @dataclass(frozen=True)
 class Recording:
     """What was recorded: the collider and the motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one
-    coordinate. Recordings of one garment may have colliders of their own."""
+    coordinate and how neighbours share it. Recordings of one garment may have colliders of their own."""
 
     collider: Collider
     motion: Motion
     observed: Array
     noise: Array
+    correlation: Correlation = INDEPENDENT
 
     def __len__(self) -> int:
         return len(self.observed)
@@ -46,7 +51,7 @@ class Recording:
     def cut(self, frames: slice) -> "Recording":
         """Some of the frames."""
         motion = Motion(self.motion.collider[frames], self.motion.boundary[frames])
-        return Recording(self.collider, motion, self.observed[frames], self.noise[frames])
+        return replace(self, motion=motion, observed=self.observed[frames], noise=self.noise[frames])
 
     def scene(self, model: Model) -> Model:
         """The model before this recording's collider."""
@@ -102,12 +107,17 @@ def predict(
     parameters: Sequence[str] = (),
     φ: Array | None = None,
     columns: bool = False,
+    forced: bool = False,
 ) -> Prediction:
-    """Simulate a window. parameters: base parameters, φ [K, V]: state modes, columns: effects, to differentiate by."""
-    model = recording.scene(model)
+    """Simulate a window. parameters: base parameters, φ [K, V]: modes of the start state and, if `forced`, of the forcing, columns: effects, to differentiate by."""
+    model, modes = recording.scene(model), None
     motion, n = recording.cut(window.frames).motion, model.settings.substeps
     fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
-    modes = state_columns(φ) if φ is not None else None
+    if φ is not None:
+        modes = state_columns(φ)
+    if forced:
+        forcing = Forcing(φ)
+        fine, parameters = fine.joined([forcing], {}), (*parameters, *forcing.columns)
     x0, v0 = states.x[window.start], states.v[window.start]
     frames = list(fine.run(smooth(motion, n), x0, v0, parameters=parameters, start_modes=modes, columns=columns))
     ending, iterations = frames[-1].ending, sum(f.newton_iterations for f in frames)
@@ -137,13 +147,17 @@ def _upsampled(x: Array, n: int) -> Array:
 
 @dataclass(frozen=True)
 class Normals:
-    """Normal equations of one window: G = AᵀR⁻¹A [P, P], g = AᵀR⁻¹r [P], c = rᵀR⁻¹r, n compared coordinates; names of the columns of A."""
+    """Normal equations of one window: G = AᵀC⁻¹A [P, P], g = AᵀC⁻¹r [P], c = rᵀC⁻¹r, n compared coordinates, log|C|; names of the columns of A.
+
+    C is the noise R, and what was marginalised since.
+    """
 
     names: tuple[str, ...]
     G: Array
     g: Array
     c: float
     n: int
+    logdet: float = 0.0
 
     def index(self, names: Sequence[str]) -> NDArray[np.int64]:
         """Places of columns."""
@@ -151,14 +165,15 @@ class Normals:
         return np.array([place[name] for name in names], int)
 
 
-def normals(prediction: Prediction, recording: Recording, free: NDArray[np.bool_]) -> Normals:
-    """Of a complete prediction against what was observed of the free vertices [V]."""
+def normals(prediction: Prediction, recording: Recording, cloth: Cloth) -> Normals:
+    """Of a complete prediction against what was observed of the free vertices."""
     y, σ = (a[prediction.window.frames][1:] for a in (recording.observed, recording.noise))
-    on = np.isfinite(y).all(-1) & free
-    w = 1 / σ[on][:, None]
-    r = ((y - prediction.x[1:])[on] * w).ravel()
-    A = np.stack([(c[on] * w).ravel() for c in prediction.columns.values()], 1)
-    return Normals(tuple(prediction.columns), A.T @ A, A.T @ r, float(r @ r), len(r))
+    seen = np.isfinite(y).all(-1)
+    seen[:, cloth.boundary] = False
+    fields = np.stack([y - prediction.x[1:], *prediction.columns.values()])
+    white, logdet = whitened(fields, seen, σ, cloth.x_rest, recording.correlation)
+    G = white.T @ white
+    return Normals(tuple(prediction.columns), G[1:, 1:], G[1:, 0], float(G[0, 0]), len(white), logdet)
 
 
 def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Normals:
@@ -168,20 +183,18 @@ def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Nor
     s = np.sqrt(variance)
     M = np.eye(len(z)) + s[:, None] * normals.G[np.ix_(z, z)] * s
     L = np.linalg.cholesky(M)
-    B = np.linalg.solve(L, s[:, None] * normals.G[np.ix_(z, x)])
-    b = np.linalg.solve(L, s * normals.g[z])
+    B = solve_triangular(L, s[:, None] * normals.G[np.ix_(z, x)], lower=True)
+    b = solve_triangular(L, s * normals.g[z], lower=True)
     return Normals(
-        tuple(np.array(normals.names)[x]), normals.G[np.ix_(x, x)] - B.T @ B, normals.g[x] - B.T @ b, normals.c - float(b @ b), normals.n
+        tuple(np.array(normals.names)[x]),
+        normals.G[np.ix_(x, x)] - B.T @ B,
+        normals.g[x] - B.T @ b,
+        normals.c - float(b @ b),
+        normals.n,
+        normals.logdet + 2 * float(np.log(np.diag(L)).sum()),
     )
 
 
-def log_determinant(normals: Normals, names: Sequence[str], variance: Array) -> float:
-    """log|C|/|R| of C = R + S_z P S_zᵀ for the coefficients of `names`."""
-    z = normals.index(names)
-    s = np.sqrt(variance)
-    return float(np.linalg.slogdet(np.eye(len(z)) + s[:, None] * normals.G[np.ix_(z, z)] * s)[1])
-
-
 def columns_of(names: Sequence[str], prefix: str) -> Iterator[str]:
-    """The names that start with a prefix: "x " and "v " are state modes."""
+    """The names that start with a prefix: "x " and "v " are state modes, "a " is forcing."""
     return (name for name in names if name.startswith(prefix))

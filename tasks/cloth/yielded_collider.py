@@ -1,28 +1,41 @@
 """A recording's collider, drawn in once per frame where it pinches itself near the cloth or covers driven nodes (`simulator/yielding.py`).
 
 A single simulation lets the collider give way as it goes. Many simulations of the same windows must all meet the same collider, or their differences
-would mean nothing; so it gives way beforehand, to the cloth as it was seen, and the simulations then take it as it is.
+would mean nothing; so it gives way beforehand, to the cloth as it was seen, and the simulations then take it as it is. Where the cloth will be, nobody has
+seen (a prediction), it gives way wherever it pinches itself.
 """
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.cloth.start_state import filled
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion
 from tasks.effects.model import Model
+from tasks.simulator import Settings
 from tasks.simulator.yielding import give_way
+
+Array = NDArray[np.float64]
 
 
 def with_yielded_collider(recording: Recording, model: Model) -> Recording:
-    """The recording with its collider drawn in; the settings to simulate it with have `yield_collider` off."""
-    faces, settings = recording.collider.faces, model.settings
-    if not len(faces):
-        return recording
-    clearance = 2 * settings.barrier_distance + settings.contact_offset
+    """The recording with its collider drawn in near the cloth that was observed; the settings to simulate it with have `yield_collider` off."""
     x, _ = filled(recording.observed, model.subject.cloth.faces)
-    motion = recording.motion
-    each = zip(motion.collider, x, motion.boundary, strict=True)
-    collider = np.stack([give_way(c, faces, cloth=cloth, pins=pins, clearance=clearance)[0] for c, cloth, pins in each])
-    return replace(recording, motion=Motion(collider, motion.boundary))
+    return replace(recording, motion=_yielded(recording, x, model.settings))
+
+
+def yielded_everywhere(recording: Recording, model: Model) -> Recording:
+    """The same where only what drives the cloth is known."""
+    return replace(recording, motion=_yielded(recording, recording.motion.collider, model.settings))
+
+
+def _yielded(recording: Recording, near: Array, settings: Settings) -> Motion:
+    """The motion with the collider drawn in wherever it is close to points `near` [T, N, 3] m."""
+    motion, faces = recording.motion, recording.collider.faces
+    if not len(faces):
+        return motion
+    clearance = 2 * settings.barrier_distance + settings.contact_offset
+    each = zip(motion.collider, near, motion.boundary, strict=True)
+    return Motion(np.stack([give_way(c, faces, cloth=x, pins=pins, clearance=clearance)[0] for c, x, pins in each]), motion.boundary)

@@ -1,9 +1,15 @@
-"""Residual acceleration: the force per mass [m/s²] that is missing at every vertex.
+"""Missing acceleration: the force per mass [m/s²] that a model lacks, told in two ways.
 
-In a window that starts from a corrected state, what is missing moves a vertex by ½ a t². a is the least-squares fit of that parabola to a field
-of displacements over the window; its standard deviation from the noise is σ/√Σ(½t²)².
+By vertex, without any smoothness: in a window that starts from a corrected state, what is missing moves a vertex by ½ a t². a is the least-squares fit of
+that parabola to a field of displacements over the window; its standard deviation from the noise is σ/√Σ(½t²)². Cloth spreads a force to its neighbours within
+the window, and noise of a millimetre makes accelerations of 1 m/s².
 
-Source: weak-constraint forcing (Trémolet 2006), constant over a window. Limits: cloth spreads a force to its neighbours within the window.
+As weak-constraint forcing (Trémolet 2006), smooth over the cloth: with the windows' normal equations, start state and numerics integrated out, and base
+parameters and effects at θ, the coefficients of `cloth/forcing.py` are
+
+    a ~ N(H⁻¹ (g_a − G_aθ θ), H⁻¹),    H = G_aa + 1/σ_a²
+
+Source: as said. Limits: constant over a window; no finer than the forcing's modes.
 """
 
 from collections.abc import Sequence
@@ -11,8 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence
-from tasks.gap.hypotheses import Fitted
+from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.windows import columns_of
+from tasks.gap.hypotheses import Fitted, Windows
 
 Array = NDArray[np.float64]
 
@@ -35,6 +42,26 @@ def effect_acceleration(evidence: Sequence[Evidence], named: Fitted, fps: float)
     """The same of what the named effects add, at their estimated strengths [V] m/s²."""
     fields = [sum(θ * e.prediction.columns[c] for c, θ in named.strengths.items()) for e in evidence if e.prediction.complete]
     return _rms([fitted_acceleration(d, fps) for d in fields])
+
+
+def nameless_acceleration(windows: Windows, fitted: Fitted, φ: Array) -> tuple[Array, Array]:
+    """Posterior mean [W, V, 3] m/s² of the forcing beside a hypothesis, and its standard deviation [W, V, 3]; modes φ [K, V]."""
+    names = [*PARAMETERS, *fitted.strengths]
+    θ = np.array([*fitted.base, *fitted.strengths.values()]) - [windows.origin.get(n, 0.0) for n in names]
+    means, deviations = [], []
+    for n in windows.given:
+        a = n.index(list(columns_of(n.names, "a ")))
+        modes = φ[: len(a) // 3]
+        if not fitted.forcing or not len(a):
+            means.append(np.zeros((φ.shape[1], 3)))
+            deviations.append(np.zeros((φ.shape[1], 3)))
+            continue
+        covariance = np.linalg.inv(n.G[np.ix_(a, a)] + np.eye(len(a)) / fitted.forcing**2)
+        mean = covariance @ (n.g[a] - n.G[np.ix_(a, n.index(names))] @ θ)
+        by_axis = np.stack([covariance[c::3, c::3] for c in range(3)])
+        means.append(modes.T @ mean.reshape(-1, 3))
+        deviations.append(np.sqrt(np.einsum("kv,ckl,lv->vc", modes, by_axis, modes)))
+    return np.stack(means), np.stack(deviations)
 
 
 def _rms(a: Sequence[Array]) -> Array:

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
-from tasks.gap.acceleration import effect_acceleration, residual_acceleration
+from tasks.gap.acceleration import effect_acceleration, nameless_acceleration
 from tasks.gap.budget import Item, budget
 from tasks.gap.confusability import Confusability, confusability
 from tasks.gap.constancy import Constancy, by_speed, by_window, by_zone, speeds
 from tasks.gap.diagnosis import Diagnosis
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.residual import rms_mm, weft_direction, where
-from tasks.gap.screening import Screened
+from tasks.gap.screening import MODES, Screened
 from tasks.gap.spectrum import Spectrum, spectrum
 from tasks.gap.stretches import Stretch, stretches
 from tasks.gap.zones import ZONES
@@ -44,13 +45,14 @@ class Splits:
 class Account:
     """All but the answer itself.
 
-    residual_mm, missing [V] and added [V] m/s² (by the named effect; None without one); constancy: grouping -> effect; rivals: effect ->
-    grouping; fields of `screened` are None or empty where nothing could be tested.
+    residual_mm [V]; missing [V] m/s², the nameless forcing beside the base, and its deviation [V]; added [V] m/s² by the named effect (None without
+    one); constancy: grouping -> effect; rivals: effect -> grouping; fields of `screened` are None or empty where nothing could be tested.
     """
 
     items: tuple[Item, ...]
     residual_mm: Array
     missing: Array
+    deviation: Array
     added: Array | None
     splits: tuple[Splits, ...]
     evidence: tuple[Evidence, ...]
@@ -69,16 +71,18 @@ def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequenc
     residual = np.array([rms_mm(found.before[:, i]) for i in range(found.before.shape[1])])
     s, named, fps = found.screened, found.verdict.named, found.base.subject.fps
     if s is None:
-        return Account((), residual, found.vertex_accel, None, (), (), (), None, None, (), (), None, {}, {})
+        return Account((), residual, found.vertex_accel, np.full_like(residual, np.nan), None, (), (), (), None, None, (), (), None, {}, {})
     shown = stretches(found, recordings, held_out)
     noise = float(np.median([np.median(r.noise) for r in recordings]))
     singles = s.hypotheses
     speed = speeds(s.evidence, fps)
     linear = s.windows.fit(named.effects) if named else None  # about the base, as the windows' columns are
+    mean, deviation = nameless_acceleration(s.windows, s.windows.base, smooth_modes(found.base.subject.cloth, MODES))
     return Account(
         items=budget(s, named),
         residual_mm=residual,
-        missing=residual_acceleration(s.evidence, fps),
+        missing=np.sqrt(np.mean(np.sum(mean**2, -1), 0)),
+        deviation=np.sqrt(np.mean(np.sum(deviation**2, -1), 0)),
         added=effect_acceleration(s.evidence, linear, fps) if linear else None,
         splits=_splits(found, s, linear),
         evidence=s.evidence,
@@ -137,12 +141,14 @@ def _splits(found: Diagnosis, s: Screened, named: Fitted | None) -> tuple[Splits
 
 def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
     """The account in plain JSON; None where a number is not finite."""
-    c = a.confusability
+    c, s = a.confusability, found.screened
     return _plain(
         {
             "budget": [asdict(item) for item in a.items],
             "splits_mm": [asdict(s) for s in a.splits],
             "missing_accel": a.missing,
+            "missing_accel_deviation": a.deviation,
+            "forcing": {"base": s.windows.base.forcing, "leader": a.singles[0].forcing, "all": s.windows.forcing} if s else None,
             "added_accel": a.added,
             "training_windows": [_window(e) for e in a.evidence],
             "compared_windows": [

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.start_state import filled, states
 from tasks.cloth.windows import Recording, smooth
+from tasks.cloth.yielded_collider import yielded_everywhere
 from tasks.effects.model import Model
 
 Array = NDArray[np.float64]
@@ -16,14 +17,14 @@ GIVEN = 2  # frames
 
 def predicted(model: Model, recording: Recording) -> Array:
     """x [T, V, 3] m from frame 0 on; the last state reached is held where the simulation ends early."""
-    model = recording.scene(model)
+    model, recording = recording.scene(model), yielded_everywhere(recording, model)
     subject, n, T = model.subject, model.settings.substeps, len(recording)
     first = recording.cut(slice(0, GIVEN))
     noise = float(np.median(first.noise))
     found = states(replace(model, effects=(), strengths={}), model.driven(first.motion), first.observed, noise)
     x0 = found.x[0] if len(found.x) else filled(first.observed, subject.cloth.faces)[0][0]
     v0 = (found.x[1] - found.x[0]) * subject.fps if len(found.x) == GIVEN else np.zeros_like(x0)
-    settings = replace(model.settings, substeps=1, yield_collider=True)  # where the cloth will be, nobody has seen
+    settings = replace(model.settings, substeps=1)
     fine = replace(model, settings=settings, subject=replace(subject, fps=subject.fps * n))
     x = np.stack([f.x for f in fine.run(smooth(recording.motion, n), x0, v0)][::n])
     return model.observed(np.concatenate([x, np.repeat(x[-1:], T - len(x), 0)]))

@@ -6,10 +6,10 @@ judged on windows that its strengths were not fitted on. The steps and the rest 
 Limits: the misfit at the start is taken with the start states' prior of that moment, which may be wider than the final one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-from tasks.cloth.shooting import without_state
+from tasks.cloth.shooting import without_nuisances
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.screening import Screened
 from tasks.gap.shapley import misfit_taken
@@ -31,7 +31,8 @@ def budget(screened: Screened, named: Fitted | None) -> tuple[Item, ...]:
     w = screened.windows
     count = sum(n.n for n in w.normals)
     start = screened.base.history[0]["misfit"]
-    followed = [without_state(e.normals, screened.base.prior).c for e in screened.evidence if e.prediction.complete]
+    prior = replace(screened.prior, a=w.forcing)
+    followed = [without_nuisances(e.normals, prior).c for e in screened.evidence if e.prediction.complete]
     numerics = (sum(followed) - sum(n.c for n in w.normals)) / count
     based = (w.base.misfits + w.noise).sum() / count
     items = [Item("base refit", "base", start - numerics - based), Item("numerics", "numerics", numerics)]

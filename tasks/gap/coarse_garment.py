@@ -38,7 +38,7 @@ class CoarseGarment:
         """A recording of the whole garment, as one of the thinned one, whose longer edges hold it further off the body."""
         driven = np.isin(self.whole.model.subject.cloth.boundary, self.kept)
         motion = Motion(recording.motion.collider, recording.motion.boundary[:, driven])
-        thinned = Recording(recording.collider, motion, recording.observed[:, self.kept], recording.noise[:, self.kept])
+        thinned = replace(recording, motion=motion, observed=recording.observed[:, self.kept], noise=recording.noise[:, self.kept])
         return drawn_in(thinned, self.garment.contact_doubt - self.whole.contact_doubt)
 
     def on_whole(self, found: Model) -> Model:

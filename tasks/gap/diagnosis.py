@@ -5,7 +5,7 @@
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,18 +20,19 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confusability import confusability
+from tasks.gap.feigned import numerics_forcing
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
 from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, by_contact, contenders, corrected_model, moved_on, refitted, searched
-from tasks.gap.screening import MODES, Screened, feigned, mesh_doubt, roughly_refitted, screen
+from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.verdict import Candidate, Verdict, judge, twins, withdrawn
 
 Array = NDArray[np.float64]
 
-NUMERICS = 1.5  # misfit that the discretisation may leave, in squares of the difference to the finer re-run
-TOLERATED = 0.05  # misfit per coordinate that wrongly stated noise may leave
-SHARPNESS = 3.0  # of the doubt that the library holds the cause
+NUMERICS = 1.5  # forcing that the discretisation may leave, in squares of what the finer re-run looks like
+TOLERATED = 0.4  # [m/s²] of forcing that proves nothing: a twenty-fifth of gravity
+SHARPNESS = 1.5  # of the doubt that the library holds the cause
 LEADERS = 3  # hypotheses that are refitted with the simulator
 
 
@@ -78,17 +79,17 @@ def diagnose(
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
-    model = roughly_refitted(model, train, run, tell)
-    data = restated(model, data, run)
+    model, correlation = roughly_refitted(model, train, run, tell)
+    data = restated(model, data.correlated(correlation), run)
     train, held = (data, None) if held_out is not None else split(data)
-    screened = screen(model, train, effects, feigned=feigned(effects, mesh_doubt(model, train, contact_doubt)), run=run, tell=tell)
+    screened = screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell)
     if len(screened.evidence) < FEWEST_WINDOWS:
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
     verdict, named, pairs = _decided(screened, train, effects, quick, run, tell)
     tell("held-out windows")
-    kept = gather(screened.base.model, held_out(), run) if held_out is not None else held
+    kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
     return replace(_concluded(screened, verdict, named, train, kept, run), pairs=pairs)
 
 
@@ -107,7 +108,7 @@ def _decided(
         after[leader.name] = _told(screened, train, leader, effects, run, tell)
         singles = [after[h.name].hypothesis if h.name == leader.name else h for h in singles]
     pairs = searched(after[leader.name]) if leader.name in after else ()
-    verdict = judge(singles, pairs, unexplained=unexplained(screened, after.values()), cosines=cosines)
+    verdict = judge(singles, pairs, unexplained=unexplained(screened, [*singles, *pairs]), cosines=cosines)
     if verdict.named is None:
         return verdict, Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows), pairs
     name = verdict.named.name
@@ -131,14 +132,12 @@ def _told(
     return refitted(screened, data, hypothesis, effects, start=start, run=run)
 
 
-def unexplained(screened: Screened, refits: Iterable[Refitted]) -> float:
-    """Doubt in 0..1 that the library holds the cause: odds (e/k)^`SHARPNESS` of the misfit e per coordinate beyond noise that all effects at once leave,
-    about the base or about a leader, against what is known to be there: `NUMERICS` times the finer re-run's own size, in the same metric, and `TOLERATED`."""
-    about = [screened.windows, *(r.windows for r in refits if r.windows is not None)]
-    left = min(w.left(w.effects) for w in about) - 1
-    followed = [without_state(e.normals, screened.base.prior) for e in screened.evidence]
-    size2 = sum(n.G[i, i] for n in followed for i in n.index(["numerics"])) / sum(n.n for n in followed)
-    odds = (max(left, 0.0) / (NUMERICS * size2 + TOLERATED)) ** SHARPNESS
+def unexplained(screened: Screened, hypotheses: Sequence[Fitted]) -> float:
+    """Doubt in 0..1 that the library holds the cause: odds (σ_a²/k²)^`SHARPNESS` of the forcing σ_a [m/s²] that the best hypothesis leaves nameless against
+    what is known to be there, k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²."""
+    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence)
+    known = numerics_forcing([without_state(e.normals, screened.prior) for e in screened.evidence])
+    odds = (best.forcing**2 / (NUMERICS * known**2 + TOLERATED**2)) ** SHARPNESS
     return float(odds / (1 + odds))
 
 

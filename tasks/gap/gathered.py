@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Job, Map
 from tasks.cloth.start_state import States, states
+from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import Recording, Window, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.model import Model
@@ -30,6 +31,10 @@ class Gathered:
     def noise(self) -> float:
         """Median over recordings [m]."""
         return typical_noise(self.recordings)
+
+    def correlated(self, correlation: Correlation) -> "Gathered":
+        """The same with errors of tracking that neighbours share."""
+        return replace(self, recordings=tuple(replace(r, correlation=correlation) for r in self.recordings))
 
     def only(self, windows: Iterable[Window]) -> "Gathered":
         """Some of the windows."""

@@ -1,11 +1,12 @@
 """Hypotheses about what is missing, fitted and weighed in compressed space: no simulation, only the windows' normal equations.
 
-A hypothesis is a set of effects. Its strengths θ and corrections of the base parameters minimise
+A hypothesis is a set of effects. Its strengths θ, corrections of the base parameters, and the size σ_a of the forcing that it leaves nameless minimise
 
-    Σ_w J_w(θ)/s_w + prior,     J_w = (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ),     C_w = R + S_z P S_zᵀ + D Dᵀ
+    F = Σ_w J_w(θ)/s_w + log|C_w| + prior,     J_w = (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ),     C_w = R + S_z P S_zᵀ + D Dᵀ + σ_a² S_a S_aᵀ
 
-within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. Coordinates of a window err together, so
-Δ = Σ_w (J_w(without) − J_w(with))/s_w is no χ². With c_w the score of window w at θ̂ and I the information, both with the base taken out,
+within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. Forcing explains anything, but anew in every window
+(`cloth/forcing.py`): a hypothesis gains by what it explains with one strength. What folds and contacts do in windows is still no white noise, so
+Δ = F(without) − F(with) is no χ². With c_w the score of window w at θ̂ and I the information, both with the base taken out,
 
     φ = Σ_w (c_w − c̄)ᵀ I⁻¹ (c_w − c̄) / K · W/(W − 1)
 
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.shooting import PARAMETERS
-from tasks.cloth.windows import Normals
+from tasks.cloth.windows import Normals, columns_of, marginalised
 from tasks.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -41,15 +42,15 @@ FACTOR = 3.0  # of strengths about the typical one: one standard deviation of th
 NOISE_DOUBT = 0.1  # share of the stated noise variance that may be wrong: misfits below that are all alike
 NOWHERE: Mapping[str, float] = MappingProxyType({})
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
+FORCING = (0.0, *(float(a) for a in np.geomspace(0.03, 10.0, 11)))  # candidates for σ_a [m/s²]
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 
 @dataclass(frozen=True)
 class Scores:
-    """An effect with the base taken out: strengths θ [K], Δ, own φ, I⁻¹ [K, K]."""
+    """An effect with the base taken out: strengths θ [K], own φ, I⁻¹ [K, K]."""
 
     θ: Array
-    decrease: float
     dispersion: float
     inverse_information: Array
 
@@ -74,7 +75,7 @@ class Weight:
 class Fitted:
     """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K, K].
 
-    misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect.
+    misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect; forcing: σ_a [m/s²] that is left.
     """
 
     effects: tuple[Effect, ...]
@@ -84,6 +85,7 @@ class Fitted:
     covariance: Array
     misfits: Array
     weights: tuple[Weight, ...]
+    forcing: float = 0.0
 
     @property
     def likelihood(self) -> float:
@@ -108,23 +110,81 @@ class Fitted:
 def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float) -> float:
     """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not known.
 
-    Along the ray of θ numerically, across it by Laplace's approximation; p: size u log-normal about the typical one, any direction alike.
+    Along the ray of θ numerically, on points of the prior and of the peak, which may be far narrower; across it by Laplace's approximation.
+    p: size u log-normal about the typical one, any direction alike.
     """
     z, Σ = θ / effect.typical, covariance / np.outer(effect.typical, effect.typical)
     K, r = len(z), max(float(np.linalg.norm(z)), 1e-12)
     along = z / r
     σ = np.sqrt(max(float(along @ Σ @ along), 1e-24))
-    log_u = np.linspace(-4, 4, 400) * log(FACTOR)
-    density = np.exp(-0.5 * (log_u / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR)) * (log_u[1] - log_u[0])
-    size = float(density @ (1 + ((np.exp(log_u) * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2))
+    peak = (r + σ * np.linspace(-12, 12, 241)) / np.sqrt(K)
+    u = np.unique(np.concatenate([np.exp(np.linspace(-8, 4, 600) * log(FACTOR)), peak[peak > 0]]))
+    density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u)
+    size = float(np.trapezoid(density * (1 + ((u * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2), u))
     either_way = K == 1 and effect.strengths[0].low < 0
     across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / r) ** (K - 1) if K > 1 else 1.0
     sphere = 2 * pi ** (K / 2) / gamma(K / 2) if K > 1 else 1.0 + either_way
     return log(max(size, 1e-300)) + log(min(max(across, 1e-300) / sphere, 1.0))
 
 
+class Forced:
+    """The windows' normal equations [W] with a forcing of one size marginalised, each over its scale s_w."""
+
+    def __init__(self, normals: Sequence[Normals], scale: Array, origin: Mapping[str, float]) -> None:
+        self.normals, self.scale, self.origin = list(normals), scale, origin
+
+    def solve(self, effects: Sequence[Effect], left_out: int | None = None) -> tuple[Array, list[str]]:
+        """θ [P] of base parameters and strengths within their ranges, and the columns' names; `left_out`: a window that has no say."""
+        columns = [(c, s) for e in effects for c, s in zip(e.columns, e.strengths, strict=True)]
+        names = [*PARAMETERS, *(c for c, _ in columns)]
+        low = np.array([-np.inf] * len(PARAMETERS) + [s.low for _, s in columns])
+        high = np.array([np.inf] * len(PARAMETERS) + [s.high for _, s in columns])
+        origin, tight = self.origin_of(names), precision(effects)
+        A, b = np.diag(tight), -tight * origin
+        for k, (G, g) in enumerate(self.scaled(names)):
+            if k != left_out:
+                A, b = A + G, b + g
+        return origin + _bounded(A, b, low - origin, high - origin), names
+
+    def scaled(self, names: Sequence[str]) -> list[tuple[Array, Array]]:
+        """G/s_w [P, P] and g/s_w [P] of some columns of every window."""
+        index = [n.index(names) for n in self.normals]
+        return [(n.G[np.ix_(i, i)] / s, n.g[i] / s) for n, i, s in zip(self.normals, index, self.scale, strict=True)]
+
+    def misfits(self, θ: Array, names: Sequence[str]) -> Array:
+        """J_w [W] at θ [P]."""
+        step, found = θ - self.origin_of(names), []
+        for n in self.normals:
+            i = n.index(names)
+            found.append(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step)
+        return np.array(found)
+
+    def loss(self, effects: Sequence[Effect]) -> float:
+        """F at its least."""
+        θ, names = self.solve(effects)
+        return float(np.sum(self.misfits(θ, names) / self.scale) + sum(n.logdet for n in self.normals) + precision(effects) @ θ**2)
+
+    def origin_of(self, names: Sequence[str]) -> Array:
+        """What the columns are linear about [P]."""
+        return np.array([self.origin.get(name, 0.0) for name in names])
+
+    def scores(self, effect: Effect, beside: Sequence[Effect]) -> Scores:
+        """An effect beside others, the base and they taken out."""
+        θ, names = self.solve((*beside, effect))
+        K = len(effect.strengths)
+        p, each = len(names) - K, self.scaled(names)
+        step, A = θ - self.origin_of(names), sum(G for G, _ in each)
+        a = A[p:, :p] @ np.linalg.pinv(A[:p, :p], hermitian=True)
+        c = np.array([g - G @ step for G, g in each]) @ np.hstack([-a, np.eye(K)]).T
+        unseen = np.diag(1 / (RIDGE * effect.typical) ** 2)  # a component that moves nothing is as uncertain as it was
+        inverse = np.linalg.inv(A[p:, p:] - a @ A[:p, p:] + unseen)
+        spread, W = c - c.mean(0), len(each)
+        φ = float(np.einsum("wi,ij,wj->", spread, inverse, spread)) / K * W / max(W - 1, 1)
+        return Scores(θ[p:], φ, inverse)
+
+
 class Windows:
-    """The windows' normal equations [W], start state and numerics integrated out; linear about the strengths `origin` (column -> value, else 0).
+    """The windows' normal equations [W], start state and numerics integrated out, forcing not; linear about the strengths `origin` (column -> value, else 0).
 
     feigned: column -> standard deviation of the strength that the coarse mesh alone may feign.
     """
@@ -136,24 +196,35 @@ class Windows:
         origin: Mapping[str, float] = NOWHERE,
         feigned: Mapping[str, float] = NOWHERE,
     ) -> None:
-        self.normals, self.effects, self.origin, self.feigned = list(normals), list(effects), dict(origin), dict(feigned)
+        self.given, self.effects, self.origin, self.feigned = list(normals), list(effects), dict(origin), dict(feigned)
+        self._losses: dict[tuple[Effect, ...], tuple[float, float]] = {}
         self._medians: dict[tuple[Effect, ...], float] = {}
+        self._sizes: dict[float, list[Normals]] = {}
 
     def __len__(self) -> int:
-        return len(self.normals)
+        return len(self.given)
+
+    @cached_property
+    def forcing(self) -> float:
+        """σ_a [m/s²] that is left when every effect is allowed."""
+        ones = np.ones(len(self))
+        return min(FORCING, key=lambda σ: Forced(self._at(σ), ones, self.origin).loss(self.effects))
+
+    @cached_property
+    def normals(self) -> list[Normals]:
+        """With that forcing marginalised."""
+        return self._at(self.forcing)
 
     @cached_property
     def overdispersion(self) -> Array:
         """s_w [W] ≥ 1: misfit per coordinate with every effect allowed."""
-        θ, names = self._solve(self.effects, np.ones(len(self)), np.arange(len(self)))
-        return np.array([max(1.0, self._misfit(k, names, θ) / n.n) for k, n in enumerate(self.normals)])
+        return np.maximum(1.0, self._allowed(np.ones(len(self))))
 
     @cached_property
     def noise(self) -> Array:
         """What white noise explains of each misfit [W]: a little less than one per coordinate."""
-        θ, names = self._solve(self.effects, 1 / self.overdispersion, np.arange(len(self)))
-        known = [self._misfit(k, names, θ) for k in range(len(self))]
-        return np.array([(1 - NOISE_DOUBT) * min(n.n, misfit) for n, misfit in zip(self.normals, known, strict=True)])
+        n = np.array([n.n for n in self.given])
+        return (1 - NOISE_DOUBT) * n * np.minimum(1.0, self._allowed(self.overdispersion))
 
     @cached_property
     def base(self) -> Fitted:
@@ -162,24 +233,24 @@ class Windows:
 
     def fit(self, effects: Sequence[Effect]) -> Fitted:
         """Strengths from all windows, misfits of each from the others; effects are weighed in the order given."""
-        effects, everything = tuple(effects), np.arange(len(self))
-        w = 1 / self.overdispersion
-        θ, names = self._solve(effects, w, everything)
-        each = np.array([self._solve(effects, w, everything[everything != k])[0] for k in everything]) if len(self) > 1 else θ[None]
-        misfits = np.maximum([self._misfit(k, names, t) - self.noise[k] for k, t in enumerate(each)], 1e-3 * self.noise)
+        effects = tuple(effects)
+        _, σ_a = self._loss(effects)
+        forced = self._forced(σ_a)
+        θ, names = forced.solve(effects)
+        each = (
+            [Forced(self.normals, self.overdispersion, self.origin).solve(effects, k)[0] for k in range(len(self))]
+            if len(self) > 1
+            else [θ]
+        )
+        told = Forced(self.normals, self.overdispersion, self.origin)
+        misfits = np.array([told.misfits(t, names)[k] for k, t in enumerate(each)])
         weights = tuple(self._weigh(e, effects[:k]) for k, e in enumerate(effects))
         φ = max((v.dispersion for v in weights), default=self._dispersion(()))
-        covariance = φ * np.linalg.pinv(self._information(names), hermitian=True)
-        at, p = names.index, len(PARAMETERS)
-        columns = [c for e in effects for c in e.columns]
-        k = [at(c) for c in columns]
-        strengths = {c: float(θ[at(c)]) for c in columns}
-        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[np.ix_(k, k)], misfits, weights)
-
-    def left(self, effects: Sequence[Effect]) -> float:
-        """Misfit per coordinate with these effects."""
-        θ, names = self._solve(effects, 1 / self.overdispersion, np.arange(len(self)))
-        return sum(self._misfit(k, names, θ) for k in range(len(self))) / sum(n.n for n in self.normals)
+        covariance = φ * np.linalg.pinv(sum(G for G, _ in forced.scaled(names)), hermitian=True)
+        p = len(PARAMETERS)
+        strengths = dict(zip(names[p:], map(float, θ[p:]), strict=True))
+        misfits = np.maximum(misfits - self.noise, 1e-3 * self.noise)
+        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:], misfits, weights, σ_a)
 
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
@@ -187,92 +258,58 @@ class Windows:
         By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits.
         """
         there = Windows(normals, self.effects, origin, self.feigned)
-        θ, names = there._solve(effects, 1 / self.overdispersion, np.arange(len(self)))
-        own = [there._misfit(k, names, θ) / n.n for k, n in enumerate(normals)]
-        scale = np.maximum(1.0, np.minimum(self.overdispersion, own))
-        there.__dict__ |= {"overdispersion": scale, "noise": self.noise, "base": self.base, "unfitted": self.unfitted}
+        scale = np.maximum(1.0, np.minimum(self.overdispersion, there._allowed(self.overdispersion, effects)))
+        there.__dict__ |= {"overdispersion": scale, "noise": self.noise, "base": self.base}
+        there._losses[()] = min((Forced(self._at(σ), scale, self.origin).loss(()), σ) for σ in FORCING)
         there._medians[()] = self._dispersion(())
         return there
 
-    @cached_property
-    def unfitted(self) -> Array:
-        """J_w [W] of the base with its corrections."""
-        θ, names = self._solve((), 1 / self.overdispersion, np.arange(len(self)))
-        return np.array([self._misfit(k, names, θ) for k in range(len(self))])
+    def _allowed(self, scale: Array, effects: Sequence[Effect] | None = None) -> Array:
+        """Misfit per coordinate [W] with these effects, all by default."""
+        forced = Forced(self.normals, scale, self.origin)
+        return forced.misfits(*forced.solve(self.effects if effects is None else effects)) / [n.n for n in self.given]
+
+    def _at(self, σ_a: float) -> list[Normals]:
+        """With a forcing of size σ_a [m/s²] marginalised."""
+        if σ_a not in self._sizes:
+            names = [list(columns_of(n.names, "a ")) for n in self.given]
+            pairs = zip(self.given, names, strict=True)
+            self._sizes[σ_a] = [marginalised(n, a, np.full(len(a), σ_a**2)) if a else n for n, a in pairs]
+        return self._sizes[σ_a]
+
+    def _forced(self, σ_a: float) -> Forced:
+        return Forced(self._at(σ_a), self.overdispersion, self.origin)
+
+    def _loss(self, effects: tuple[Effect, ...]) -> tuple[float, float]:
+        """Least F of a hypothesis, and the σ_a [m/s²] that it has there."""
+        if effects not in self._losses:
+            self._losses[effects] = min((self._forced(σ).loss(effects), σ) for σ in FORCING)
+        return self._losses[effects]
 
     def _weigh(self, effect: Effect, beside: tuple[Effect, ...]) -> Weight:
-        scores = self._scores(effect, beside)
+        loss, σ_a = self._loss((*beside, effect))
+        decrease, scores = self._loss(beside)[0] - loss, self._forced(σ_a).scores(effect, beside)
         W, own = len(self), scores.dispersion
         ν = W - 1 + KNOWN
         φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)
         σ2 = φ * scores.inverse_information + np.diag([self.feigned.get(c, 0.0) ** 2 for c in effect.columns])
-        surprise = min(scores.decrease / φ, float(scores.θ @ np.linalg.pinv(σ2, hermitian=True) @ scores.θ))
+        surprise = min(decrease / φ, float(scores.θ @ np.linalg.pinv(σ2, hermitian=True) @ scores.θ))
         likelihood = 0.5 * ν * np.log1p(max(surprise, 0.0) / ν)
-        prior = log_averaged(scores.θ, σ2, effect, ν)
-        return Weight(scores.decrease, own, φ, float(likelihood), prior)
-
-    def _scores(self, effect: Effect, beside: tuple[Effect, ...]) -> "Scores":
-        """An effect beside others, the base and they taken out."""
-        w, everything = 1 / self.overdispersion, np.arange(len(self))
-        θ, names = self._solve((*beside, effect), w, everything)
-        decrease = float(w @ (self._without(beside) - [self._misfit(k, names, θ) for k in everything]))
-        K = len(effect.strengths)
-        p = len(names) - K
-        step, index = θ - self._origin(names), [n.index(names) for n in self.normals]
-        each = [(w[k] * n.G[np.ix_(i, i)], w[k] * n.g[i]) for k, (n, i) in enumerate(zip(self.normals, index, strict=True))]
-        A = sum(G for G, _ in each)
-        a = A[p:, :p] @ np.linalg.pinv(A[:p, :p], hermitian=True)
-        c = np.array([g - G @ step for G, g in each]) @ np.hstack([-a, np.eye(K)]).T
-        I = A[p:, p:] - a @ A[:p, p:]
-        inverse = np.linalg.pinv(I, rcond=1e-9, hermitian=True)
-        spread = c - c.mean(0)
-        φ = float(np.einsum("wi,ij,wj->", spread, inverse, spread)) / K * len(self) / max(len(self) - 1, 1)
-        return Scores(θ[p:], decrease, φ, inverse)
-
-    def _without(self, beside: tuple[Effect, ...]) -> Array:
-        """J_w [W] with only these effects."""
-        if not beside:
-            return self.unfitted
-        θ, names = self._solve(beside, 1 / self.overdispersion, np.arange(len(self)))
-        return np.array([self._misfit(k, names, θ) for k in range(len(self))])
+        return Weight(decrease, own, φ, float(likelihood), log_averaged(scores.θ, σ2, effect, ν))
 
     def _dispersion(self, beside: tuple[Effect, ...]) -> float:
         """Median φ of all effects beside some."""
         if beside not in self._medians:
             own = {e.name for e in beside}
-            φ = [self._scores(e, beside).dispersion for e in self.effects if e.name not in own]
+            forced = self._forced(self._loss(beside)[1])
+            φ = [forced.scores(e, beside).dispersion for e in self.effects if e.name not in own]
             self._medians[beside] = float(np.median([x for x in φ if x > 0] or [1.0]))
         return self._medians[beside]
 
-    def _information(self, names: Sequence[str]) -> Array:
-        """Σ_w G_w/s_w [P, P] of some columns."""
-        index = [n.index(names) for n in self.normals]
-        return sum(n.G[np.ix_(i, i)] / s for n, i, s in zip(self.normals, index, self.overdispersion, strict=True))
 
-    def _origin(self, names: Sequence[str]) -> Array:
-        return np.array([self.origin.get(name, 0.0) for name in names])
-
-    def _solve(self, effects: Sequence[Effect], weights: Array, which: Array) -> tuple[Array, list[str]]:
-        """θ [P] of base parameters and strengths within their ranges, and the columns' names."""
-        columns = [(c, s) for e in effects for c, s in zip(e.columns, e.strengths, strict=True)]
-        names = [*PARAMETERS, *(c for c, _ in columns)]
-        precision = np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for _, s in columns])
-        low = np.array([-np.inf] * len(PARAMETERS) + [s.low for _, s in columns])
-        high = np.array([np.inf] * len(PARAMETERS) + [s.high for _, s in columns])
-        origin = self._origin(names)
-        A, b = np.diag(precision), -precision * origin
-        for k in which:
-            n = self.normals[k]
-            i = n.index(names)
-            A += weights[k] * n.G[np.ix_(i, i)]
-            b += weights[k] * n.g[i]
-        return origin + _bounded(A, b, low - origin, high - origin), names
-
-    def _misfit(self, k: int, names: Sequence[str], θ: Array) -> float:
-        """rᵀC⁻¹r of window k at θ [P]."""
-        n = self.normals[k]
-        i, step = n.index(names), θ - self._origin(names)
-        return float(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step)
+def precision(effects: Sequence[Effect]) -> Array:
+    """Of the priors of base parameters and strengths [P]."""
+    return np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for e in effects for s in e.strengths])
 
 
 def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

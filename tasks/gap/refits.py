@@ -43,11 +43,11 @@ def refitted(
     model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
     φ = smooth_modes(model.subject.cloth, MODES)
     data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
-    todo = jobs(model, data, φ, columns=True, prior=base.prior)
+    todo = jobs(model, data, φ, columns=True, forced=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offset=e.offset) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
         return Refitted(replace(hypothesis, weights=()), model, evidence, None)
-    normals = [corrected(without_state(e.normals, base.prior)) for e in evidence]
+    normals = [corrected(without_state(e.normals, screened.prior)) for e in evidence]
     about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
 

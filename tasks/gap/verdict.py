@@ -5,7 +5,8 @@ effect f makes with the leading one. The temper T < 1 says how far evidence from
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
 apart. Those within as much of the second one form the second's.
 
-"Outside the library" takes the place of "none" by the share of the misfit, beyond noise and discretisation, that not even the best hypothesis takes away.
+"Outside the library" takes the place of "none" by the doubt that forcing without a name leaves where it is larger than what discretisation makes
+(`diagnosis.unexplained`).
 
 Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
 are chosen on open cases (README).
@@ -25,7 +26,7 @@ Twins = frozenset[frozenset[str]]
 
 SINGLE, PAIR = 1.0, 0.3  # prior weight of all singles, and of a second effect beside a first one, beside 1 for none
 TEMPER = 0.8
-BESIDE = 0.25  # weight of "outside the library" beside a named effect that leaves everything unexplained
+BESIDE = 0.15  # weight of "outside the library" beside a named effect that leaves everything unexplained
 TOGETHER = 1.5  # difference of evidence up to which names form a class
 ALIKE = 0.97  # cosine of signatures from which they do whatever their strengths
 LARGEST_CLASS = 4

@@ -41,9 +41,13 @@ def barycentric_coordinates(points: Array, corners: Array) -> Array:
 
 
 def signed_distance(points: Array, vertices: Array, faces: NDArray[np.int32]) -> Array:
-    """Distance [P] m, negative inside; inside by the generalised winding number (Jacobson et al. 2013), so small holes do not matter."""
+    """Distance [P] m, negative inside."""
+    return np.where(inside(points, vertices, faces), -1.0, 1.0) * closest_points(points, vertices, faces).distance
+
+
+def inside(points: Array, vertices: Array, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Whether points [P, 3] lie inside, by the generalised winding number (Jacobson et al. 2013), so small holes do not matter."""
     import igl
 
     V, F = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int64)
-    winding = np.asarray(igl.fast_winding_number(V, F, np.ascontiguousarray(points, float))).ravel()
-    return np.where(winding > 0.5, -1.0, 1.0) * closest_points(points, vertices, faces).distance
+    return np.asarray(igl.fast_winding_number(V, F, np.ascontiguousarray(points, float))).ravel() > 0.5

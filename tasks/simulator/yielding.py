@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tasks.geometry.distances import closest_points, signed_distance
+from tasks.geometry.distances import closest_points, inside, signed_distance
 from tasks.geometry.meshes import edges, face_normals, vertex_normals
 
 Array = NDArray[np.float64]
@@ -70,9 +70,9 @@ def pinch_depth(collider: Array, faces: Indices, normals: Array, asked: Indices,
     depth = np.zeros(len(collider))
     if not len(asked):
         return depth
-    inside = signed_distance(collider[asked] + 1e-4 * normals[asked], collider, faces) < 0
+    covered = inside(collider[asked] + 1e-4 * normals[asked], collider, faces)
     away = face_normals(collider, faces)
-    under, over = asked[inside], asked[~inside]
+    under, over = asked[covered], asked[~covered]
     p = _nearest_facing_away(collider, under, normals, faces, away)
     depth[under] = np.where(np.isfinite(p), 0.5 * p + clearance, 0.0)
     depth[over] = 0.5 * (2 * clearance - np.minimum(_gap(collider, over, normals, faces, away, 2 * clearance), 2 * clearance))

@@ -24,6 +24,7 @@ class Base:
 class Screened:
     base: Base
     evidence: tuple
+    prior: Prior
     windows: object
 
 
@@ -41,7 +42,7 @@ def made():
         n = Normals((*NAMES, *STATE, "numerics"), B.T @ B, B.T @ r, float(r @ r), 60)
         evidence.append(Evidence(Prediction(Window(0, k, 1), np.zeros((2, 20, 3)), {}, "converged", 1), n))
     windows = compress(evidence, PRIOR, EFFECTS)
-    return Screened(Base(PRIOR, ({"misfit": START},)), tuple(evidence), windows), taken / count
+    return Screened(Base(PRIOR, ({"misfit": START},)), tuple(evidence), PRIOR, windows), taken / count
 
 
 def test_items_add_up_to_the_start(made):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.cloth.shooting import Job, refit, without_state
+from tasks.cloth.shooting import Job, refit, without_nuisances
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import windows
@@ -18,7 +18,7 @@ def null_misfit(seed: int) -> float:
     walked = states(model, recording.motion, recording.observed, NOISE)
     φ = smooth_modes(model.subject.cloth, MODES)
     fit = refit([Job(model, recording, w, walked, φ) for w in windows([recording], FPS)], noise=NOISE)
-    found = [without_state(e.normals, fit.prior) for e in fit.evidence if e.prediction.complete]
+    found = [without_nuisances(e.normals, fit.prior) for e in fit.evidence if e.prediction.complete]
     return sum(n.c for n in found) / (sum(n.n for n in found) - 2)
 
 

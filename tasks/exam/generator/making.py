@@ -17,6 +17,7 @@ from tasks.exam.generator.subject import FPS, FRAMES, Subject, Unmakeable, drawn
 from tasks.geometry.meshes import boundary_edges
 
 Array = NDArray[np.float64]
+SHOWN = 0.5  # floors that the causes must reach on the fine mesh
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,11 @@ def _make(q: Question, rng: np.random.Generator) -> Made:
     first, change = plain, None
     if strengths:
         first, still, change = _beside_base(subject, true, base)
+    moved = rms(_tracked(subject, true, 0, first) - _tracked(subject, base, 0, plain))
+    if strengths and moved < SHOWN * floor:
+        raise Unmakeable(f"on the fine mesh its causes move it by {1e3 * moved:.3g} mm at a floor of {1e3 * floor:.3g} mm")
     runs = [first] + [_moved(subject, true, k, still) for k in (1, 2)]
     seen = [_tracked(subject, true, k, x) for k, x in enumerate(runs)]
-    moved = rms(seen[0] - _tracked(subject, base, 0, plain))
     recordings = [_recording(subject, k, x, rng) for k, x in enumerate(seen)]
     truth = {
         "question": {

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.cloth.shooting import Evidence, follow, summed, without_state
+from tasks.cloth.shooting import Evidence, follow, summed, without_nuisances
 from tasks.cloth.state_modes import smooth_modes
 from tasks.exam.rivals.base_refit import refitted
 from tasks.exam.rivals.linear_fit import Fit, applied, column_names, fit
@@ -28,7 +28,7 @@ def largest_fit_gain(case: Case) -> Reply:
     φ = smooth_modes(case.model.subject.cloth, MODES)
     todo = jobs(replace(base.model, effects=case.effects), data, φ, columns=True, prior=base.prior)
     evidence = [e for e in case.run(follow, todo) if e.prediction.complete]
-    A, b = summed([without_state(e.normals, base.prior) for e in evidence], column_names(case.effects))
+    A, b = summed([without_nuisances(e.normals, base.prior) for e in evidence], column_names(case.effects))
     nothing = fit(A, b, case.effects, [])
     singles = [fit(A, b, case.effects, [effect]) for effect in case.effects]
     weight = {NONE: 0.0} | {single.names: (single.gain - nothing.gain) / 2 for single in singles}
