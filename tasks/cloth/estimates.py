@@ -22,7 +22,6 @@ from tasks.geometry.faults import Fault, refuse
 from tasks.geometry.meshes import edges
 from tasks.simulator import Fabric
 
-Z90 = 1.645
 EDGES_PER_BENDING_LENGTH = 1.3
 GRAVITY = 9.81
 LEAST_KNOWN = np.log(10)  # a 90 % interval wider than this factor both ways is no estimate
@@ -44,7 +43,7 @@ def estimates(scene: Scene, fit: Fit, *, weighed: bool = False) -> dict[str, dic
     for p, name in enumerate(PARAMETERS):
         doubt = _doubt(scene, fit, p)
         for (key, unit), value in ((UNITS[name], _ratio(fit.fabric, name)), (PLAIN_UNITS[name], _plain(fit.fabric, name))):
-            found[key] = _estimate(key, value, unit, fit.covariance[p, p], doubt)
+            found[key] = _estimate(key, value, unit, fit.normal.quantile * np.sqrt(fit.covariance[p, p]), doubt)
     return found | densities(fit.fabric, weighed=weighed) | _strengths(fit)
 
 
@@ -111,10 +110,10 @@ def _plain(fabric: Fabric, name: str) -> float:
     return {"log_membrane": fabric.stretch_stiffness, "log_bending": fabric.bending_rigidity}[name] / fabric.areal_density
 
 
-def _estimate(key: str, value: float, unit: str, variance: float, doubt: str) -> dict[str, Any]:
+def _estimate(key: str, value: float, unit: str, width: float, doubt: str) -> dict[str, Any]:
     if doubt:
         return {"value": None, "low": None, "high": None, "unit": unit, "sentence": doubt}
-    spread = float(np.exp(Z90 * np.sqrt(variance)))
+    spread = float(np.exp(width))
     low, high = value / spread, value * spread
     sentence = f"{key} = {value:.3g} {unit}, 90 % interval {low:.3g} to {high:.3g}"
     return {"value": value, "low": low, "high": high, "unit": unit, "sentence": sentence}
@@ -125,16 +124,18 @@ def _strengths(fit: Fit) -> dict[str, dict[str, Any]]:
     effects = fit.model.effects if isinstance(fit, CompletedFit) else ()
     columns = [(e, k) for e in effects for k in range(len(e.strengths))]
     return {
-        e.columns[k]: _strength(e.columns[k], e.strengths[k], float(fit.model.strength(e)[k]), fit.covariance[p, p], fit.ending)
+        e.columns[k]: _strength(
+            e.columns[k], e.strengths[k], float(fit.model.strength(e)[k]), fit.normal.quantile * np.sqrt(fit.covariance[p, p]), fit.ending
+        )
         for p, (e, k) in enumerate(columns, len(PARAMETERS))
     }
 
 
-def _strength(column: str, s: Strength, value: float, variance: float, ending: str) -> dict[str, Any]:
-    """variance: in typical strengths squared."""
-    if not np.isfinite(variance):
+def _strength(column: str, s: Strength, value: float, width: float, ending: str) -> dict[str, Any]:
+    """width: half of the 90 % interval, in typical strengths."""
+    if not np.isfinite(width):
         return {"value": value, "low": None, "high": None, "unit": s.unit, "sentence": f"not estimated: {ending}"}
-    spread = Z90 * float(np.sqrt(variance)) * abs(s.typical)
+    spread = float(width) * abs(s.typical)
     low, high = value - spread, value + spread
     sentence = f"{column} = {value:.3g} {s.unit}, 90 % interval {low:.3g} to {high:.3g}"
     if min(value - s.low, s.high - value) < 1e-6 * abs(s.typical):
@@ -151,7 +152,9 @@ def _doubt(scene: Scene, fit: Fit, p: int) -> str:
         return bound
     if name == "log_bending" and (unresolved := insensitive(scene, fit.fabric)):
         return unresolved
-    width = Z90 * np.sqrt(fit.covariance[p, p])
+    if len(fit.normal.g) < 2:
+        return "not estimated: from one stretch of frames nobody can tell how far it may be off; give twice as many frames"
+    width = fit.normal.quantile * np.sqrt(fit.covariance[p, p])
     if not fit.normal.A.sum(0)[p, p] > 0 or not width < LEAST_KNOWN:
         return "untouched by the data: the recording hardly moves with this parameter"
     return ""

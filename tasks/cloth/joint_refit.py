@@ -18,7 +18,20 @@ from scipy.optimize import lsq_linear
 
 from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
 from tasks.cloth.numerics import corrected
-from tasks.cloth.shooting import DAMPING, SCALE, BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, with_fabric, without_nuisances
+from tasks.cloth.shooting import (
+    DAMPING,
+    SCALE,
+    BaseFit,
+    Evidence,
+    Job,
+    Map,
+    Prior,
+    estimated_prior,
+    follow,
+    scaled,
+    with_fabric,
+    without_state,
+)
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
@@ -138,7 +151,7 @@ def _bounds(model: Model) -> tuple[Array, Array]:
 
 def _told(model: Model, evidence: Evidence, prior: Prior) -> Normals:
     """Normal equations of one window in θ, start state and numerics integrated out."""
-    n = corrected(without_nuisances(evidence.normals, prior))
+    n = corrected(without_state(evidence.normals, prior))
     columns = [(c, abs(s.typical)) for e in model.effects for c, s in zip(e.columns, e.strengths, strict=True)]
     names = (*PARAMETERS, *(c for c, _ in columns))
     unit = np.array([1.0] * len(PARAMETERS) + [typical for _, typical in columns])
@@ -151,8 +164,7 @@ def _scale(n: Normals) -> float:
 
 
 def _weighed(model: Model, evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
-    found = [_told(model, e, prior) for e in evidence if e.prediction.complete]
-    return [replace(n, G=n.G / _scale(n), g=n.g / _scale(n), c=n.c / _scale(n)) for n in found]
+    return [scaled(_told(model, e, prior)) for e in evidence if e.prediction.complete]
 
 
 def _loss(model: Model, of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:

@@ -5,7 +5,8 @@
 The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
 Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only.
 P = diag(σ_x², σ_v²) and the correlation in R are those of highest marginal likelihood, Σ_w r_wᵀC_w⁻¹r_w + log|C_w|. Levenberg damping; a step is
-kept when it lowers the loss over the windows that were followed before and after.
+kept when it lowers the loss over the windows that were followed before and after. Where the slope that a step met fell by less than JᵀJ promised, the
+next one is longer by that ratio (the secant equation of Dennis & Moré 1977 along the step).
 
 Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are weighed (`Job.forced`).
 """
@@ -31,12 +32,13 @@ PARAMETERS = ("log_membrane", "log_bending")
 REFERENCE_DENSITY = 320.0  # [kg/m³] the bounds hold for κ · 320/ρ: they limit the ratios
 BOUNDS = {"log_membrane": (np.log(0.02), np.log(200.0)), "log_bending": (np.log(0.1), np.log(500.0))}
 LARGEST_STEP = 1.2  # of a logarithm
+LONGEST = 4.0  # times Gauss–Newton's own step, where the last one showed less curvature than promised
 SETTLED = 0.05  # of a logarithm
 PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth another round
 DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
 SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
 SIGMA_X = (0.1, 0.3, 1.0, 3.0)  # candidates for σ_x, of the noise,
-SIGMA_V = (0.01, 0.03, 0.1, 0.3, 1.0)  # for σ_v [m/s],
+SIGMA_V = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # for σ_v [m/s],
 SIGMA_A = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)  # and for σ_a [m/s²]
 
 
@@ -143,7 +145,7 @@ def estimated_prior(evidence: Sequence[Evidence], noise: float, near: Prior | No
     done = [e.normals for e in evidence if e.prediction.complete]
     forced = any(name.startswith("a ") for n in done[:1] for name in n.names)
     candidates = {"a": SIGMA_A if forced else (0.0,), "x": [s * noise for s in SIGMA_X], "v": SIGMA_V}
-    prior = near or (Prior(candidates["x"][0], SIGMA_V[0]) if forced else Prior(noise, SIGMA_V[2]))
+    prior = near or (Prior(candidates["x"][0], SIGMA_V[0]) if forced else Prior(noise, 0.1))
     for _ in range(1 if near else 2):
         for name, values in candidates.items():
             close = [v for v in values if near is None or _neighbours(values, getattr(near, name), v)]
@@ -196,7 +198,7 @@ def refit(
     jobs: Sequence[Job], *, noise: float, iterations: int = 4, run: Map = map, tell: Callable[[str], None] = lambda text: None
 ) -> BaseFit:
     """Fit `PARAMETERS` from the model of the jobs, all of one model."""
-    model, damping, history = jobs[0].model, DAMPING[0], []
+    model, damping, stretch, history = jobs[0].model, DAMPING[0], 1.0, []
     now = list(run(follow, jobs))
     prior = estimated_prior(now, noise)
     ending = f"stopped after {iterations} iterations"
@@ -209,17 +211,20 @@ def refit(
             break
         full = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(2), g)
         coordinates = sum(e.normals.n for e in now)
-        step = np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
+        step = stretch * np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
         fabric, step = moved(model.subject.fabric, np.clip(step, -LARGEST_STEP, LARGEST_STEP))
-        if np.abs(step).max() < SETTLED or 0.5 * full @ A @ full < PROMISE * coordinates:
+        if np.abs(step).max() < SETTLED or 0.5 * stretch * full @ A @ full < PROMISE * coordinates:
             ending = "converged"
             break
         tried_model = with_fabric(model, fabric)
         tried = list(run(follow, [replace(job, model=tried_model) for job in jobs]))
         if _loss(tried, now, prior) < _loss(now, tried, prior):
+            stretch = stretch_of(A, g, summed(weighed(tried, prior), PARAMETERS)[1], step)
             model, now, damping = tried_model, tried, DAMPING[0]
             jobs = [replace(job, model=model) for job in jobs]
             prior = estimated_prior(now, noise, prior)
+        elif stretch > 1:
+            stretch = 1.0
         elif damping == DAMPING[-1]:
             ending = "converged: no shorter step lowers the misfit"
             break
@@ -229,11 +234,24 @@ def refit(
     return BaseFit(model, np.linalg.pinv(A), prior, tuple(now), tuple(history), ending)
 
 
+def stretch_of(A: Array, g: Array, after: Array, step: Array) -> float:
+    """By how much the next Gauss–Newton step is too short: curvature JᵀJ that was promised along a step [P] over what the gradients g, after [P] met.
+
+    Where the start states are wrong in ways that no mode holds, their part of J adds to JᵀJ but leads nowhere, and steps creep.
+    """
+    met = float(step @ (g - after))
+    return float(np.clip(step @ A @ step / met, 1.0, LONGEST)) if met > 0 else 1.0
+
+
 def weighed(evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
     """Normal equations of the windows that were followed, start state and forcing marginalised, each over its own scale s_w."""
-    found = [without_nuisances(e.normals, prior) for e in evidence if e.prediction.complete]
-    scale = [max(n.c / n.n, SCALE) for n in found]
-    return [replace(n, G=n.G / s, g=n.g / s, c=n.c / s) for n, s in zip(found, scale, strict=True)]
+    return [scaled(without_nuisances(e.normals, prior)) for e in evidence if e.prediction.complete]
+
+
+def scaled(n: Normals) -> Normals:
+    """Normal equations of a window over its own scale s_w."""
+    s = max(n.c / n.n, SCALE)
+    return replace(n, G=n.G / s, g=n.g / s, c=n.c / s)
 
 
 def summed(normals: Sequence[Normals], names: Sequence[str]) -> tuple[Array, Array]:

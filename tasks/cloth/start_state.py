@@ -6,22 +6,33 @@ therefore the minimiser of
     ½ Σ_i m_i ‖x_i − (y_i − s² ÿ_i)‖² / s²  +  P(x)        P: gravity, membrane, bending, contact
 
 that is, of all places the one where the observed acceleration ÿ and the forces of the model balance best: if y obeyed the model, x = y. The
-time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². Velocities are slopes of the
-polynomial through five frames: of order 4, which keeps swings of up to fps/5 Hz, unless the noise makes that worse than order 2.
+time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². y, ÿ and velocities are
+those of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of noise,
+the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth that moves that fast mostly does so over
+lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles swing in a window as no cloth does: the fit would
+answer them with its stiffness. So the difference d of the two polynomials is split, and of each part the share is kept that noise does not make:
 
-Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time.
-Limits: what happens faster than that is missing from velocities.
+    D = D₂ + k_φ P d + k (1 − P) d,      k = max(0, 1 − σ² Σ w²/mean d²)      per frame, w: weights of the frames in d
+
+P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as smooth as
+φ do little harm: they are marginalised.
+
+Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time;
+James & Stein 1961 (the share k). Limits: what happens faster than that is missing from velocities; σ is what the tracker states.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.effect import Motion
 from tasks.effects.model import Model
 from tasks.geometry.meshes import edges
+from tasks.simulator import Cloth
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.contact_friction import ContactFriction
 from tasks.simulator.inertia import Inertia
@@ -32,10 +43,10 @@ from tasks.simulator.preflight import separate
 Array = NDArray[np.float64]
 
 FRAMES = 5
+SMOOTH = 8  # modes that may move faster than a parabola through five frames
 UNSEEN = 1e-3  # weight of a vertex that was not seen
 LOOSENESS = 0.3  # share of the noise by which a force error of FORCE may move the cloth
 FORCE = 3.0  # [m/s²]
-NOISY = 0.06  # noise · fps [m/s] above which velocities take the parabola
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,8 @@ def states(model: Model, motion: Motion, observed: Array, noise: float) -> State
     """Walk through observed [T, V, 3] m (NaN where not seen), noise [m] per coordinate, from frame to frame without crossing anything."""
     y, seen = filled(observed, model.subject.cloth.faces)
     s = float(np.clip(np.sqrt(LOOSENESS * noise / FORCE), 0.005, 0.02))
-    target = y - s**2 * derivative(y, model.subject.fps, 2)
+    slopes = partial(shrunken, cloth=model.subject.cloth, fps=model.subject.fps, noise=noise)
+    target = slopes(y, order=0) - s**2 * slopes(y, order=2)
     problem = _problem(model, motion, y[0])
     weights = problem.mass * np.where(seen, 1.0, UNSEEN)
     x, ending = [], CONVERGED
@@ -61,8 +73,7 @@ def states(model: Model, motion: Motion, observed: Array, noise: float) -> State
             break
         x.append(found)
     x = np.array(x).reshape(-1, *y.shape[1:])
-    v = derivative(x, model.subject.fps, 1, 4 if noise * model.subject.fps < NOISY else 2) if len(x) > 1 else np.zeros_like(x)
-    return States(x, v, ending if ending == CONVERGED else f"frame {len(x)}: {ending}")
+    return States(x, slopes(x, order=1), ending if ending == CONVERGED else f"frame {len(x)}: {ending}")
 
 
 def derivative(x: Array, fps: float, order: int, degree: int = 2) -> Array:
@@ -71,6 +82,38 @@ def derivative(x: Array, fps: float, order: int, degree: int = 2) -> Array:
     if frames <= order:
         return np.zeros_like(x)
     return savgol_filter(x, frames, min(degree, frames - 1), deriv=order, delta=1 / fps, axis=0, mode="interp")
+
+
+def shrunken(x: Array, cloth: Cloth, fps: float, order: int, noise: float) -> Array:
+    """Time derivative of that order of x [T, V, 3] m, white noise [m] per coordinate."""
+    calm = derivative(x, fps, order)
+    if len(x) < FRAMES:
+        return calm
+    d = derivative(x, fps, order, 4) - calm
+    every = np.eye(len(x))
+    feigned = noise**2 * np.sum((derivative(every, fps, order, 4) - derivative(every, fps, order)) ** 2, 1)
+    φ = smooth_modes(cloth, SMOOTH)
+    smooth = _smooth(d, cloth, φ)
+    share = len(φ) / (len(cloth.x_rest) - len(cloth.boundary))  # of white noise that lies in the modes
+    return calm + _kept(smooth, share * feigned) + _kept(d - smooth, (1 - share) * feigned)
+
+
+def _smooth(d: Array, cloth: Cloth, φ: Array) -> Array:
+    """The harmonic continuation of what d [T, V, 3] is at the driven nodes, and what the modes φ [K, V] hold of the rest."""
+    on, free = np.zeros_like(d), np.ones(d.shape[1], bool)
+    free[cloth.boundary] = False
+    if len(cloth.boundary):
+        on[:, ~free] = d[:, ~free]
+        on = _spread(on, free, cloth.faces)
+    area = cloth.vertex_areas
+    return on + np.einsum("kv,ktc->tvc", φ, np.einsum("kv,tvc->ktc", φ * area / area.sum(), d - on))
+
+
+def _kept(d: Array, feigned: Array) -> Array:
+    """The share of d [T, V, 3] that is more than noise of variance `feigned` [T] makes."""
+    found = np.mean(d**2, (1, 2))
+    share = np.maximum(0.0, 1 - feigned / np.maximum(found, 1e-300))
+    return share[:, None, None] * d
 
 
 def filled(observed: Array, faces: NDArray[np.int32]) -> tuple[Array, NDArray[np.bool_]]:
@@ -96,7 +139,7 @@ def _spread(y: Array, unknown: NDArray[np.bool_], faces: NDArray[np.int32]) -> A
     L = (diags(np.asarray(A.sum(1)).ravel()) - A).tocsr()
     known = ~unknown
     b = -(L[unknown][:, known] @ y[:, known].transpose(1, 0, 2).reshape(known.sum(), -1))
-    y[:, unknown] = splu(L[unknown][:, unknown].tocsc()).solve(b).reshape(unknown.sum(), len(y), 3).transpose(1, 0, 2)
+    y[:, unknown] = splu(L[unknown][:, unknown].tocsc()).solve(b).reshape(unknown.sum(), len(y), -1).transpose(1, 0, 2)
     return y
 
 

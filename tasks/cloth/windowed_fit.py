@@ -23,7 +23,7 @@ from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Prog
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.numerics import corrected, finer_offset
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
-from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, with_fabric, without_nuisances
+from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, scaled, with_fabric, without_state
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, predict, windows
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 FOLLOWED = 3.0  # standard deviations of the noise: a replay that stays this near is not chaotic, and is fitted as a whole
 NUMERIC_STEPS = 1
-MODES = 8  # of the start state, times three directions, times place and velocity
+MODES = 20  # of the start state, times three directions, times place and velocity
 
 
 def fit_windows(
@@ -142,7 +142,7 @@ class Windowed:
         evidence, prior = self._followed(scene, fabric)
         if not all(e.prediction.complete for e in evidence):
             return np.nan
-        return sum(without_nuisances(e.normals, prior).c for e in evidence) / sum(e.normals.n for e in evidence)
+        return sum(without_state(e.normals, prior).c for e in evidence) / sum(e.normals.n for e in evidence)
 
     def normal(self, scene: Scene, fabric: Fabric) -> Normal:
         """Normal equations per window; NaN where none can be followed."""
@@ -176,7 +176,7 @@ def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
 
 
 def _normal(evidence: list[Evidence] | tuple[Evidence, ...], prior: Prior) -> Normal:
-    done = [corrected(without_nuisances(e.normals, prior)) for e in evidence if e.prediction.complete]
+    done = [scaled(corrected(without_state(e.normals, prior))) for e in evidence if e.prediction.complete]
     if not done:
         return _nothing()
     at = done[0].index(PARAMETERS)

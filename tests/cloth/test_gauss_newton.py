@@ -1,10 +1,12 @@
 """A panel that swings from its upper edge: the fabric it was made of is found again, on another mesh and with noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tasks.cloth.estimates import bending_length, estimates
-from tasks.cloth.gauss_newton import Progress, fit
+from tasks.cloth.gauss_newton import Normal, Progress, fit
 from tasks.cloth.scene import Scene, replay
 from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
 from tests.geometry.test_meshes import grid
@@ -37,8 +39,6 @@ def panel(n: int, *, frames: int = 16) -> Scene:
 
 
 def observed(scene: Scene, seed: int, *, truth: Fabric = TRUTH) -> Scene:
-    from dataclasses import replace
-
     noise = np.random.default_rng(seed).normal(scale=1e-3, size=scene.observed.shape)
     return replace(scene, observed=replay(scene, truth).x + noise)
 
@@ -66,8 +66,6 @@ def test_only_ratios_to_the_density_are_found(found):
 
 def test_bending_finer_than_the_mesh_is_called_insensitive(found):
     scene, result = found
-    from dataclasses import replace
-
     stiff = estimates(scene, result)["kappa_b_over_rho"]
     assert stiff["low"] < stiff["value"] < stiff["high"]
     limp = replace(result, fabric=replace(result.fabric, bending=1.0))
@@ -84,3 +82,25 @@ def test_a_fit_that_was_stopped_goes_on_where_it_was(found):
     resumed = fit(scene, heard[-1], iterations=8)
     assert len(resumed.history) == len(result.history)
     np.testing.assert_allclose(resumed.replay.x, result.replay.x, rtol=1e-6, atol=1e-9)
+
+
+def test_ninety_per_cent_hold_where_blocks_are_few():
+    """Scores of four blocks drawn from one distribution: nine of ten intervals hold the truth, the normal quantile alone would hold fewer."""
+    rng = np.random.default_rng(0)
+    A = np.tile(np.diag([2e3, 5e3]), (4, 1, 1))  # whose own noise is negligible beside the blocks'
+    held = {"student": 0, "normal": 0}
+    for _ in range(1000):
+        normal = Normal(1e3 * rng.standard_normal((4, 2)), A)
+        off, deviation = abs(normal.step[0]), np.sqrt(normal.covariance[0, 0])
+        held["student"] += off < normal.quantile * deviation
+        held["normal"] += off < 1.645 * deviation
+    assert held["student"] / 1000 == pytest.approx(0.9, abs=0.03)
+    assert held["normal"] / 1000 < 0.86
+
+
+def test_one_stretch_of_frames_gives_no_interval(found):
+    scene, result = found
+    one = replace(result, normal=Normal(result.normal.g[:1], result.normal.A[:1]))
+    said = estimates(scene, one)["kappa_b_over_rho"]
+    assert said["value"] is None
+    assert "give twice as many frames" in said["sentence"]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import PARAMETERS, Job, Prior, follow, refit, with_fabric
-from tasks.cloth.start_state import States, derivative, filled, states
+from tasks.cloth.shooting import PARAMETERS, Job, Prior, follow, refit, stretch_of, with_fabric
+from tasks.cloth.start_state import States, derivative, filled, shrunken, states
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Recording, Window, predict, windows
 from tasks.effects.effect import Motion, Subject
@@ -84,6 +84,25 @@ def test_derivatives_of_a_parabola_are_exact():
     np.testing.assert_allclose(derivative(1 + 2 * t + 3 * t**2, FPS, 2), np.full_like(t, 6.0), rtol=1e-8)
 
 
+def test_a_fast_smooth_swing_keeps_its_velocity_and_noise_does_not_become_one():
+    cloth = swung(2)[0].subject.cloth
+    φ = smooth_modes(cloth, 8)
+    t = np.arange(20)[:, None, None] / FPS
+    swing = 0.05 * np.sin(2 * np.pi * 3 * t) * φ[0][:, None]
+    true = 0.05 * 2 * np.pi * 3 * np.cos(2 * np.pi * 3 * t) * φ[0][:, None]
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((20, 49, 3))
+
+    def rms(v):
+        return np.sqrt(np.mean((v - true) ** 2))
+
+    def found(x):
+        return shrunken(x, cloth, FPS, 1, 1e-3)
+
+    assert rms(found(swing + noise)) < 0.5 * rms(derivative(swing + noise, FPS, 1))  # the parabola rounds the swing off
+    assert rms(found(swing + noise)) < 0.8 * rms(derivative(swing + noise, FPS, 1, 4))  # order 4 follows the noise
+    np.testing.assert_allclose(shrunken(swing, cloth, FPS, 1, 0.0), derivative(swing, FPS, 1, 4), atol=1e-12)
+
+
 def test_modes_are_orthonormal_and_vanish_where_driven(panel):
     cloth = panel[0].subject.cloth
     φ = smooth_modes(cloth, 12)
@@ -135,6 +154,14 @@ def test_the_refit_finds_the_ratios_of_a_twin():
     assert fabric.bending / fabric.density == pytest.approx(FABRIC.bending / FABRIC.density, rel=0.3)
     misfits = [row["misfit"] for row in fit.history]
     assert misfits[-1] < misfits[0]
+
+
+def test_steps_that_creep_are_lengthened_by_the_curvature_that_was_not_there():
+    A, true, step = np.diag([40.0, 10.0]), np.diag([10.0, 10.0]), np.array([0.2, 0.0])
+    g = np.array([8.0, 0.0])  # the step is Gauss–Newton's own: a quarter of the way to the minimum
+    assert stretch_of(A, g, g - true @ step, step) == pytest.approx(4.0)
+    assert stretch_of(A, g, g - A @ step, step) == 1.0  # as promised
+    assert stretch_of(A, g, 1.1 * g, step) == 1.0  # curved the other way: a line says nothing
 
 
 def test_a_window_meets_the_collider_of_its_own_recording(panel):

@@ -1,16 +1,22 @@
-"""Twins: a short skirt on a swaying trunk, made on a finer mesh with half the time step, observed on a coarser one with 1 mm of noise."""
+"""Twins: a short skirt on a swaying trunk, made on a finer mesh with half the time step, observed on a coarser one with 1 mm of noise.
 
-from dataclasses import dataclass
+The coarser mesh is that of a tracker: its vertices are points of the finer one, in the pattern as in every frame.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tasks.cloth.scene import Scene
+from tasks.cloth.start import start_velocity
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings, simulate
+from tasks.simulator.settings import BASE
 from tests.simulator.scenes import sheet
 
 FPS = 25.0
 NOISE = 1e-3
 COARSE, FINE = (20, 40), (27, 54)  # rings, around: 800 and 1,458 vertices
+SWING, LIFT, TURN = 0.04, 0.25, 0.25  # [m], of that, [rad]: hips in walking
 SETTLE = 8  # frames at rest before the recording
 
 
@@ -44,15 +50,20 @@ def trunk():
     return np.array(mesh.vertices) * (0.12, 0.28, 0.11) + (0, -0.14, 0), np.array(mesh.faces, np.int32)
 
 
-def sway(T: int, rng: np.random.Generator):
-    """Rigid motion of the trunk from rest: rotations [T, 3, 3], translations [T, 3]."""
-    t = np.arange(T) / FPS
+def times(T: int, steps: int):
+    """Instants [steps (T − 1) + 1] s of T frames with so many steps each."""
+    return np.arange(steps * (T - 1) + 1) / (FPS * steps)
+
+
+def sway(T: int, rng: np.random.Generator, steps: int = 1, reach: float = 1.0):
+    """Rigid motion of the trunk, `reach` times that of hips in walking, from rest at `times(T, steps)`: rotations [n, 3, 3], translations [n, 3]."""
+    t = times(T, steps)
     ease = np.clip(t / 0.3, 0, 1) ** 2 * (3 - 2 * np.clip(t / 0.3, 0, 1))
     f, phase = rng.uniform(0.8, 1.6, 4), rng.uniform(0, 2 * np.pi, 4)
     wave = [ease * np.sin(2 * np.pi * f[k] * t + phase[k]) for k in range(4)]
-    c, s, zero = np.cos(0.7 * wave[0]), np.sin(0.7 * wave[0]), np.zeros(T)
-    R = np.stack([c, zero, s, zero, zero + 1, zero, -s, zero, c], 1).reshape(T, 3, 3)
-    return R, np.stack([0.12 * wave[1], 0.03 * wave[2], 0.12 * wave[3]], 1)
+    c, s, zero = np.cos(TURN * reach * wave[0]), np.sin(TURN * reach * wave[0]), np.zeros(len(t))
+    R = np.stack([c, zero, s, zero, zero + 1, zero, -s, zero, c], 1).reshape(-1, 3, 3)
+    return R, reach * SWING * np.stack([wave[1], LIFT * wave[2], wave[3]], 1)
 
 
 def true_fabric(rng: np.random.Generator) -> Fabric:
@@ -60,15 +71,25 @@ def true_fabric(rng: np.random.Generator) -> Fabric:
     return Fabric(320.0, float(np.exp(rng.uniform(np.log(0.5), np.log(4)))), float(np.exp(rng.uniform(np.log(180), np.log(420)))))
 
 
-def twin(seed: int, *, frames: int = 24, settings: Settings = Settings(), coarse=COARSE, fine=FINE, fabric: Fabric | None = None) -> Twin:  # noqa: B008
-    """One recording; `settings` are those of the fit, the truth takes twice the substeps."""
+def twin(
+    seed: int,
+    *,
+    frames: int = 24,
+    settings: Settings = BASE,
+    coarse=COARSE,
+    fine=FINE,
+    fabric: Fabric | None = None,
+    reach: float = 1.0,
+) -> Twin:
+    """One recording; `settings` are those of the fit. The truth takes twice the substeps, and its body moves smoothly between frames."""
     rng = np.random.default_rng(seed)
     fabric = fabric or true_fabric(rng)
-    R, shift = sway(frames + 1, rng)
+    steps = 2 * settings.substeps
+    R, shift = sway(frames + 1, rng, steps, reach)
     body, body_faces = trunk()
 
     def moved(x):
-        return np.concatenate([np.tile(x, (SETTLE, 1, 1)), np.einsum("tij,nj->tni", R, x) + shift[:, None]])
+        return np.concatenate([np.tile(x, (SETTLE * steps, 1, 1)), np.einsum("tij,nj->tni", R, x) + shift[:, None]])
 
     x, faces = skirt(*fine)
     made = Cloth(x, faces, np.arange(fine[1]))
@@ -78,21 +99,21 @@ def twin(seed: int, *, frames: int = 24, settings: Settings = Settings(), coarse
         Collider(body_faces),
         collider_motion=moved(body),
         boundary_motion=moved(x[: fine[1]]),
-        fps=FPS,
-        settings=Settings(integrator=settings.integrator, substeps=2 * settings.substeps),
+        fps=FPS * steps,
+        settings=replace(settings, substeps=1),
     )
     frames_ = list(walk)
     assert frames_[-1].converged, frames_[-1].ending
-    truth = resampled(np.stack([f.x for f in frames_])[SETTLE:], fine, coarse)
-    cloth = Cloth(*skirt(*coarse), np.arange(coarse[1]))
+    truth = resampled(np.stack([f.x for f in frames_])[SETTLE * steps :: steps], fine, coarse)
+    cloth = Cloth(resampled(x[None], fine, coarse)[0], skirt(*coarse)[1], np.arange(coarse[1]))
     observed = truth + NOISE * rng.standard_normal(truth.shape)
     scene = Scene(
         cloth,
         Collider(body_faces),
-        moved(body)[SETTLE:],
+        moved(body)[SETTLE * steps :: steps],
         observed[:, : coarse[1]],
         observed[0],
-        np.zeros_like(observed[0]),
+        start_velocity(observed, FPS),
         observed,
         np.full(observed.shape[:2], NOISE),
         FPS,
