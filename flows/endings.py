@@ -3,6 +3,7 @@
 import traceback
 from typing import Any
 
+from storage_schemas.durable import NO_SPACE
 from storage_schemas.faults import DiskFull, StoreFault
 from tasks.geometry.faults import BadInput
 
@@ -22,6 +23,8 @@ def ending_of(error: BaseException) -> tuple[int, str]:
             return CANCELLED, "cancelled; finished stages are in the store"
         case DiskFull():
             return BAD_INPUT, f"disk full: {error}"
+        case OSError() if error.errno in NO_SPACE:
+            return BAD_INPUT, f"disk full: {error}; free space or run `physavatar artifacts gc`, then submit again"
         case BadInput() | StoreFault():
             faults = error.faults
             return BAD_INPUT, "\n".join(

@@ -1,18 +1,24 @@
-"""Everything that can be found wrong before work starts: the whole recording, the template, and every model file."""
+"""Everything that can be found wrong before work starts: the whole recording, the template, every model file, and what is missing for `until`."""
 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from flows.pipeline import STAGES
+from tasks.capture.recording import Recording
+from tasks.capture.template import BODY, Template, read_template
 from tasks.geometry.faults import BadInput, Fault, refuse
 
 
 def preflight(settings: Any, until: str) -> None:
     """Raise BadInput with all faults of all inputs that the stages up to `until` will read."""
     wanted = list(STAGES)[: list(STAGES).index(until) + 1]
-    checks: dict[str, Callable[[Any], None]] = {"capture": _recording, "keypoints": _detector, "body": _body_model}
     faults: list[Fault] = []
+    checks: dict[str, Callable[[Any], None]] = {"keypoints": _detector, "body": _body_model}
+    try:
+        _surface(*_recording(settings), wanted)
+    except BadInput as bad:
+        faults += bad.faults
     for stage in wanted:
         try:
             checks.get(stage, _nothing)(settings)
@@ -21,13 +27,23 @@ def preflight(settings: Any, until: str) -> None:
     refuse(faults)
 
 
-def _recording(settings: Any) -> None:
+def _recording(settings: Any) -> tuple[Recording, Template | None]:
     from tasks.capture.stage import read_recording
-    from tasks.capture.template import read_template
 
     recording = read_recording(settings.capture)
-    if recording.template is not None:
-        read_template(recording.template)
+    return recording, None if recording.template is None else read_template(recording.template)
+
+
+def _surface(recording: Recording, template: Template | None, wanted: list[str]) -> None:
+    """Whether there is a surface to track, and garments on it to simulate, where these are wanted."""
+    where = str(recording.root)
+    if "tracking" in wanted and template is None and recording.mask is None:
+        remedy = "Put the first frame's mesh at template/template.obj, or masks beside the pictures, or stop earlier: --until body."
+        raise BadInput([Fault(where, "there is neither a template nor a mask: no surface to track", remedy)])
+    if "cloth" in wanted and (template is None or set(template.part) <= {BODY}):
+        remedy = "Give template/template.obj the garments' faces by name (g skirt, g top …), or stop earlier: --until skinning."
+        what = "there is no template" if template is None else "its template has no part but 'body'"
+        raise BadInput([Fault(where, f"{what}: no garment to simulate", remedy)])
 
 
 def _detector(settings: Any) -> None:

@@ -17,10 +17,13 @@ from flows.preflight import preflight
 from flows.progress import bars
 from flows.request import Planned, Request, plan_actor
 from flows.runs import RunRecord
+from storage_schemas.durable import require_room
 from storage_schemas.object_store import open_store
 from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
 from tasks.geometry.faults import BadInput, Fault
+
+ROOM = 32_000_000  # [bytes] for Prefect's database and the run's record: without it Prefect's server dies and says nothing for minutes
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Submission:
         planned = plan_actor(self.request, self.store)
         complete = all(stage.cached for stage in planned)
         if not complete:
+            require_room(self.store.root, ROOM)
             preflight(self.request.settings, self.request.until)
         record = RunRecord(self.store.root, self.request.actor, self.request.sequence)
         try:

@@ -89,6 +89,13 @@ def full_disk_explained(root: Path) -> Iterator[None]:
         raise
 
 
+def require_room(root: Path, least: int) -> None:
+    """Raises DiskFull where fewer than `least` bytes are free."""
+    free = shutil.disk_usage(root).free
+    if free < least:
+        raise DiskFull.at(root, free, needed=least)
+
+
 def _sync(path: Path, flags: int) -> None:
     descriptor = os.open(path, flags)
     try:

@@ -59,8 +59,7 @@ class DiskFull(StoreFault, OSError):
         self.errno = errno.ENOSPC
 
     @classmethod
-    def at(cls, root: Path, free: int) -> Self:
+    def at(cls, root: Path, free: int, needed: int = 0) -> Self:
         """The fault of a store at `root` with `free` bytes left."""
-        return cls(
-            Fault(str(root), f"no space left ({free / 1e6:.1f} MB free)", "free space or run `physavatar artifacts gc`, then submit again")
-        )
+        left = f"{free / 1e6:.1f} MB free" + (f", {needed / 1e6:.0f} MB needed to begin" if needed else "")
+        return cls(Fault(str(root), f"no space left ({left})", "free space or run `physavatar artifacts gc`, then submit again"))

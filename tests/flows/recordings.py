@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from tasks.capture.calibration_actorshq import write_calibration_csv
+from tasks.capture.calibration_opencv import write_opencv
 from tasks.capture.template import Template, write_obj
 from tests.geometry.test_cameras import ring
 from tests.geometry.test_meshes import CUBE, CUBE_FACES
@@ -33,4 +34,18 @@ def tiny_recording(data: Path, actor: str = "ann", sequence: str = "one") -> Pat
     (folder / "aabbs.csv").write_text(f"frame_number,{box}\n{rows}")
     (folder / "template").mkdir()
     write_obj(folder / "template/template.obj", Template(CUBE - 0.5, CUBE_FACES, np.zeros((0, 2)), CUBE_FACES[:0], np.full(12, "body")))
+    return folder
+
+
+def tiny_videos(data: Path, actor: str = "bob", sequence: str = "one") -> Path:
+    """The same rig as calibrated video: `calibration.json` and one mp4 per camera; returns the folder of the sequence."""
+    folder = data / actor / sequence
+    folder.mkdir(parents=True)
+    rig = ring(CAMERAS, distorted=False).scaled(0.1)
+    write_opencv(folder / "calibration.json", rig)
+    for name, (width, height) in zip(rig.names, rig.size.tolist()):
+        writer = cv2.VideoWriter(str(folder / f"{name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (width, height))
+        for frame in range(FRAMES):
+            writer.write(np.random.default_rng(frame).integers(40, 200, (height, width, 3), np.uint8))
+        writer.release()
     return folder

@@ -1,5 +1,10 @@
 """Whatever is wrong with an input, `submit` ends with 2 before any work, names the file and the remedy, and leaves the store as it was."""
 
+import errno
+import json
+import os
+import shutil
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -7,7 +12,11 @@ import numpy as np
 import pytest
 
 from flows import cli
-from tests.flows.recordings import tiny_recording
+from flows.endings import ending_of
+from storage_schemas import artifact
+from storage_schemas.object_store import open_store
+from tests.flows.recordings import tiny_recording, tiny_videos
+from tests.storage_schemas.examples import key_of, keypoints, provenance
 
 
 def calibration(folder: Path, change) -> None:
@@ -79,37 +88,92 @@ BROKEN = {
 }
 
 
+NO_BODY_MODEL = {
+    "of another layout": lambda file: np.savez(file, v_template=np.zeros((3, 3))),
+    "text": lambda file: file.write_text("not a model"),
+    "absent": lambda file: None,
+}
+
+
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tiny_recording(tmp_path / "data")
 
 
-def submit(*more: str, until: str = "capture") -> int:
+@pytest.fixture
+def kept(place):
+    """What the store held before: bytes of every file, to be the same afterwards."""
+    store = open_store("artifacts")
+    store.publish(keypoints(), actor="eve", sequence="walk", stage="keypoints", key=key_of(0), provenance=provenance())
+    return contents(Path("artifacts"))
+
+
+def contents(root: Path) -> dict[Path, bytes]:
+    return {file: file.read_bytes() for file in sorted(root.rglob("*")) if file.is_file()}
+
+
+def submit(*more: str, actor: str = "ann", until: str = "capture") -> int:
     with pytest.raises(SystemExit) as ended:
-        cli.main(["submit", "ann", "--until", until, *more])
+        cli.main(["submit", actor, "--until", until, *more])
     return ended.value.code
 
 
-def artifacts(root: Path) -> list[Path]:
-    return sorted(root.rglob("manifest.json"))
-
-
 @pytest.mark.parametrize("what", BROKEN)
-def test_a_broken_recording_is_refused_before_work(place, capsys, what):
+def test_a_broken_recording_is_refused_before_work(place, kept, capsys, what):
     BROKEN[what](place)
     assert submit() == 2
     said = capsys.readouterr().err
     assert "fault" in said
     assert str(Path("data/ann/one")) in said
-    assert artifacts(Path("artifacts")) == []
+    assert contents(Path("artifacts")) == kept
 
 
-def test_a_file_that_is_no_body_model_is_refused_before_work(place, capsys):
-    np.savez("not_smplx.npz", v_template=np.zeros((3, 3)))
+def test_a_matrix_that_is_no_rotation_is_refused_before_work(place, kept, capsys):
+    folder = tiny_videos(place.parents[1])
+    file = folder / "calibration.json"
+    rig = json.loads(file.read_text())
+    rig["cameras"]["Cam002"]["R"][0] = [2.0, 0.0, 0.0]
+    file.write_text(json.dumps(rig))
+    assert submit(actor="bob") == 2
+    said = capsys.readouterr().err
+    assert "R is no rotation" in said
+    assert str(file.relative_to(Path.cwd())) in said
+    assert contents(Path("artifacts")) == kept
+
+
+@pytest.mark.parametrize("what", NO_BODY_MODEL)
+def test_a_file_that_is_no_body_model_is_refused_before_work(place, kept, capsys, what):
+    NO_BODY_MODEL[what](Path("not_smplx.npz"))
     assert submit("--set", "body.model=not_smplx.npz", until="body") == 2
-    assert "not an SMPL-X model" in capsys.readouterr().err
-    assert artifacts(Path("artifacts")) == []
+    assert "not_smplx.npz" in capsys.readouterr().err
+    assert contents(Path("artifacts")) == kept
+
+
+def without(*names: str):
+    def remove(folder: Path) -> None:
+        for name in names:
+            shutil.rmtree(folder / name)
+
+    return remove
+
+
+NOTHING_TO_WORK_ON = {
+    "no surface": (without("template", "1x/masks"), "tracking", "neither a template nor a mask"),
+    "no template, garments wanted": (without("template"), "cloth", "no template: no garment"),
+    "no garment": (without(), "report", "no part but 'body'"),
+}
+
+
+@pytest.mark.parametrize("what", NOTHING_TO_WORK_ON)
+def test_what_a_later_stage_will_lack_is_told_before_work(place, kept, capsys, what):
+    change, until, said = NOTHING_TO_WORK_ON[what]
+    change(place)
+    assert submit(until=until) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert "--until" in told
+    assert contents(Path("artifacts")) == kept
 
 
 def test_all_faults_are_told_at_once(place, capsys):
@@ -121,11 +185,66 @@ def test_all_faults_are_told_at_once(place, capsys):
     assert all(word in said for word in ("Cam002_rgb000001", "Cam004_rgb000001", "not an SMPL-X model"))
 
 
+def test_a_store_of_a_newer_format_is_refused_before_work(place, kept, capsys):
+    version = Path("artifacts/STORE_VERSION")
+    version.write_text('{"format": 99}')
+    assert submit() == 2
+    assert "upgrade physavatar" in capsys.readouterr().err
+    assert contents(Path("artifacts")) == kept | {version: b'{"format": 99}'}
+
+
+@pytest.fixture
+def full_disk(tmp_path):
+    """A file system of its own below the store."""
+    root = tmp_path / "artifacts"
+    root.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(root)], capture_output=True, check=False).returncode:
+        pytest.skip("only root can mount a small tmpfs; the test of a disk that fills up meanwhile runs")
+    yield root
+    subprocess.run(["umount", str(root)], check=True)
+
+
+@pytest.mark.parametrize("left", [0, 200_000])
+def test_a_full_disk_is_refused_before_work(full_disk, place, kept, capsys, left):
+    ballast = full_disk / "ballast"
+    ballast.write_bytes(bytes(shutil.disk_usage(full_disk).free - left))
+    assert submit() == 2
+    said = capsys.readouterr().err
+    assert all(word in said for word in ("no space left", "needed to begin", str(full_disk), "physavatar artifacts gc"))
+    ballast.unlink()
+    assert contents(Path("artifacts")) == kept
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_is_bad_input_wherever_it_strikes(code):
+    """Records of a run and checkpoints are written outside of the store's own guard."""
+    ended, said = ending_of(OSError(code, os.strerror(code), "artifacts/.runs/1.json"))
+    assert ended == 2
+    assert all(word in said for word in ("disk full", "artifacts/.runs/1.json", "physavatar artifacts gc"))
+
+
+@pytest.mark.slow
+def test_a_disk_that_fills_up_meanwhile_ends_with_2_and_can_be_gone_on_from(place, kept, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(artifact, "write_arrays", full)
+    assert submit() == 2
+    assert "no space left" in capsys.readouterr().err
+    after = contents(Path("artifacts"))
+    assert all(after[file] == content for file, content in kept.items())
+    assert list(Path("artifacts").rglob(".tmp-*")) == []
+    monkeypatch.undo()
+    monkeypatch.chdir(place.parents[2])
+    assert submit() == 0
+    assert open_store("artifacts").verify() == []
+
+
 @pytest.mark.slow
 def test_a_sound_recording_is_captured_and_found_again(place, capsys):
     assert submit() == 0
-    before = artifacts(Path("artifacts"))
-    assert len(before) == 1
+    before = contents(Path("artifacts/ann"))
+    assert any(file.name == "manifest.json" for file in before)
     BROKEN["truncated jpeg"](place)
     assert submit() == 2  # the store keeps what it had
-    assert artifacts(Path("artifacts")) == before
+    assert contents(Path("artifacts/ann")) == before
