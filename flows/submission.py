@@ -77,9 +77,12 @@ class Submission:
         settings = load(overrides, places={"store": store})
         if actor == DEMO:
             ensure_demo(Path(settings.data), settings.demo, console)
-        sequence, recording = _find_recording(Path(settings.data), actor, sequence)
         if settings.capture.recording is None:
+            sequence, recording = _find_recording(Path(settings.data), actor, sequence)
             settings = load([*overrides, f"capture.recording={recording}"], places={"store": store})
+        else:  # it lies elsewhere, under any name
+            sequence = sequence or Path(settings.capture.recording).name
+            validate_name(sequence, "sequence")
         opened = open_store(settings.store)
         scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
         return cls(Request(actor, sequence, settings, AVATAR, until, scores), opened, console)

@@ -11,11 +11,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from tasks.geometry.faults import BadInput, Fault
+
 SETTLED_S = 2.0
 
 
 def content_digest(path: Path) -> str:
-    """SHA-256 of a file, or of the names and contents of all files below a folder."""
+    """SHA-256 of a file, or of the names and contents of all files below a folder. Raises BadInput where there is neither."""
+    if not path.exists():
+        raise BadInput([Fault(str(path), "no such file or folder", "Correct the path, or leave the setting out.")])
     signature, newest = _signature(path)
     memory = _memory(path)
     if (known := _recall(memory, signature)) is not None:

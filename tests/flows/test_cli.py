@@ -5,6 +5,7 @@ import json
 import pytest
 
 from flows import cli
+from tests.flows.recordings import tiny_recording
 
 
 @pytest.fixture
@@ -44,6 +45,14 @@ def test_an_actor_without_sequences_is_told(place, capsys):
     (place / "data" / "ann").mkdir()
     assert run("submit", "ann") == 2
     assert "0 sequences" in capsys.readouterr().err
+
+
+def test_a_recording_may_lie_anywhere(place, capsys):
+    tiny_recording(place / "elsewhere", actor="camera-7", sequence="walk")
+    assert run("plan", "ann", "--until", "capture", "--set", "capture.recording=elsewhere/camera-7/walk", "--json") == 0
+    assert [row["stage"] for row in json.loads(capsys.readouterr().out)] == ["capture"]
+    assert run("plan", "ann", "--until", "capture", "--set", "capture.recording=nowhere") == 2
+    assert "nowhere" in capsys.readouterr().err
 
 
 def test_stages_as_json(place, capsys):
