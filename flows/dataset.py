@@ -84,7 +84,8 @@ def mark_finished(request: Request, store: Store, done: dict[str, ArtifactRef]) 
     artifacts = {ref.stage: [ref.key, ref.digest] for ref in done.values()}
     with suppress(OSError):
         make_folders(path.parent)
-        replace_file(path, json.dumps({"request": request_digest(request), "artifacts": artifacts}).encode())
+        content = json.dumps({"request": request_digest(request), "artifacts": artifacts}).encode()
+        replace_file(path, content, forced=False)
 
 
 def request_digest(request: Request) -> str:

@@ -16,24 +16,30 @@ ASIDE = ".tmp-"
 NO_SPACE = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Writes a new file and forces it to the disk; not atomic."""
+def write_file(path: Path, content: bytes, *, forced: bool = True) -> None:
+    """Writes a new file and, unless told not to, forces it to the disk; not atomic."""
     with path.open("xb") as file:
         file.write(content)
         file.flush()
-        os.fsync(file.fileno())
+        if forced:
+            os.fsync(file.fileno())
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Atomically makes `path` hold `content`, whether or not it existed."""
+def replace_file(path: Path, content: bytes, *, forced: bool = True) -> None:
+    """Atomically makes `path` hold `content`, whether or not it existed.
+
+    forced False is for what can be made again and is recognised when it is damaged: no process ever sees a half, but a power failure may
+    leave the old, the new, or an empty file. It saves two forced writes, some 10 ms.
+    """
     aside = path.with_name(f"{ASIDE}{secrets.token_hex(8)}-{path.name}")
     try:
-        write_file(aside, content)
+        write_file(aside, content, forced=forced)
         aside.replace(path)
     except BaseException:
         aside.unlink(missing_ok=True)
         raise
-    sync_folder(path.parent)
+    if forced:
+        sync_folder(path.parent)
 
 
 def make_folders(path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Self
 
@@ -59,14 +59,13 @@ class Manifest(BaseModel):
             raise Corrupt(Fault(str(path), f"is no manifest ({broken.error_count()} errors)", REMEDY)) from broken
 
     def size_faults(self, folder: Path) -> list[Fault]:
-        """Files missing, added, or of another size. Costs one `stat` per file."""
-        present = files_in(folder)
-        faults = [Fault(str(folder / name), "is missing", REMEDY) for name in self.files.keys() - present.keys()]
-        faults += [Fault(str(path), "is not in the manifest", REMEDY) for name, path in present.items() if name not in self.files]
-        for name in self.files.keys() & present.keys():
-            size, expected = present[name].stat().st_size, self.files[name].size
-            if size != expected:
-                faults.append(Fault(str(present[name]), f"has {size} bytes, published with {expected}", REMEDY))
+        """Files missing, added, or of another size. Costs one `stat` per file, and no `Path`: a plan asks this of every artifact there is."""
+        found = {within: os.stat(path).st_size for within, path in _walked(folder)}  # noqa: PTH116
+        faults = [Fault(str(folder / name), "is missing", REMEDY) for name in self.files.keys() - found.keys()]
+        faults += [Fault(str(folder / name), "is not in the manifest", REMEDY) for name in found.keys() - self.files.keys()]
+        for name in self.files.keys() & found.keys():
+            if found[name] != self.files[name].size:
+                faults.append(Fault(str(folder / name), f"has {found[name]} bytes, published with {self.files[name].size}", REMEDY))
         return sorted(faults, key=str)
 
     def content_faults(self, folder: Path, among: Callable[[str], bool] = lambda name: True) -> list[Fault]:
@@ -81,13 +80,17 @@ class Manifest(BaseModel):
 
 def files_in(folder: Path) -> dict[str, Path]:
     """Every file of an artifact but manifest and provenance, by its path within the artifact, sorted."""
-    found, root = {}, len(str(folder)) + 1
+    return {within: Path(path) for within, path in sorted(_walked(folder))}
+
+
+def _walked(folder: Path) -> Iterator[tuple[str, str]]:
+    """(path within the artifact, path) of every file but manifest and provenance, as strings."""
+    root = len(str(folder)) + 1
     for at, _, files in os.walk(folder):
         for name in files:
-            within = f"{at}/{name}"[root:]
-            if within not in OUTSIDE:
-                found[within] = Path(at, name)
-    return dict(sorted(found.items()))
+            path = f"{at}/{name}"
+            if path[root:] not in OUTSIDE:
+                yield path[root:], path
 
 
 def sha256_of(path: Path) -> str:

@@ -167,9 +167,19 @@ def test_another_artifact_in_the_place_of_this_one_is_refused(store):
         store.open(mine, Keypoints)
 
 
-def test_a_damaged_artifact_is_not_found_and_is_replaced(store):
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda file: file.unlink(),
+        lambda file: file.write_bytes(file.read_bytes()[:-1]),
+        lambda file: file.write_bytes(file.read_bytes() + b"0"),
+        lambda file: file.with_name("added").write_bytes(b""),
+    ],
+    ids=["missing", "shorter", "longer", "added"],
+)
+def test_a_damaged_artifact_is_not_found_and_is_replaced(store, harm):
     ref = put(store, keypoints())
-    chunk(store.folder(ref)).unlink()
+    harm(chunk(store.folder(ref)))
     assert store.find(**AT, key=ref.key) is None
     assert put(store, keypoints()) == ref
     assert store.open(ref, Keypoints) == keypoints()
