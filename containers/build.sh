@@ -1,15 +1,31 @@
 #!/usr/bin/env bash
 # One image per kind of worker: physavatar-vision, physavatar-simulation, physavatar-gpu. With docker where its daemon answers, else with
 # Debian's buildah (chroot isolation, no daemon) on a base that debootstrap makes. KINDS="vision" builds some; BASE=name@sha256:… pins the base.
+# Packages come from where this machine's pip gets them: PIP_INDEX_URL, PIP_EXTRA_INDEX_URL, PIP_FIND_LINKS, or `pip config`. With buildah, local
+# folders among them and the certificates in PIP_CERT (a network that signs for others) are lent to the build read-only; none ends up in an image.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 kinds=${KINDS:-vision simulation gpu}
 
+for name in INDEX_URL EXTRA_INDEX_URL FIND_LINKS CERT; do
+    variable=PIP_$name key=${name,,}
+    if [ -z "${!variable+set}" ] && value=$(python3 -m pip config get "global.${key//_/-}" 2>/dev/null); then export "$variable=$value"; fi
+done
+
 arguments() {   # build arguments that are set in the environment
-    for name in BASE TORCH_INDEX; do
+    for name in BASE TORCH_INDEX PIP_INDEX_URL PIP_EXTRA_INDEX_URL PIP_FIND_LINKS; do
         if [ -n "${!name+set}" ]; then printf -- '--build-arg\n%s=%s\n' "$name" "${!name}"; fi
     done
+}
+
+lent() {   # options of buildah for the folders and the certificates that pip needs from this machine
+    local place
+    for place in ${PIP_INDEX_URL:-} ${PIP_EXTRA_INDEX_URL:-} ${PIP_FIND_LINKS:-}; do
+        place=${place#file://} && place=${place%/simple}   # an index on disk names files beside its folder `simple`
+        if [ -d "$place" ]; then printf -- '--volume\n%s:%s:ro\n' "$place" "$place"; fi
+    done
+    if [ -n "${PIP_CERT:-}" ]; then printf -- '--volume\n%s:/pip-ca.crt:ro\n--build-arg\nPIP_CERT=/pip-ca.crt\n' "$PIP_CERT"; fi
 }
 
 local_base() {   # an image of Debian 12 from debootstrap, once
@@ -32,7 +48,8 @@ if docker info >/dev/null 2>&1; then
 elif command -v buildah >/dev/null; then
     export BUILDAH_ISOLATION=chroot STORAGE_DRIVER=${STORAGE_DRIVER:-vfs}
     [ -n "${BASE+set}" ] || BASE=$(local_base)
-    build() { buildah build --format docker --network host --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" ${BUILDAH_OPTIONS:-} "${options[@]}" .; }
+    mapfile -t mounts < <(lent)
+    build() { buildah build --format docker --network host --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" "${mounts[@]}" "${options[@]}" .; }
     size() { buildah inspect --type image --format '{{.Size}}' "physavatar-$1:$version" 2>/dev/null || buildah images --format '{{.Size}}' "physavatar-$1:$version"; }
 else
     echo "neither a docker daemon nor buildah: apt-get install buildah debootstrap" >&2

@@ -1,11 +1,12 @@
 # GPU tracking and rendering; the driver comes from the host (NVIDIA container toolkit).
 # Build with containers/build.sh. BASE: any Debian 12 (or image with Python 3.11 on Debian), pinned by its digest:
 #   --build-arg BASE=docker.io/library/debian:bookworm-slim@sha256:…
-# TORCH_INDEX: where torch comes from; empty takes it from the index that pip is set to.
+# TORCH_INDEX: where torch comes from; empty takes it from the index that pip is set to. PIP_…: as in pip's environment; see build.sh.
 ARG BASE=docker.io/library/debian:bookworm-slim
 
 FROM ${BASE} AS build
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cu128
+ARG PIP_INDEX_URL PIP_EXTRA_INDEX_URL PIP_FIND_LINKS PIP_CERT
 ENV DEBIAN_FRONTEND=noninteractive PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 RUN apt-get update && apt-get install -y --no-install-recommends \
         ca-certificates gcc libc6-dev libsuitesparse-dev python3.11 python3.11-dev python3.11-venv
