@@ -68,14 +68,21 @@ def plan_actor(request: Request, store: Store) -> list[Planned]:
 
 
 def run_stage(
-    request: Request, store: Store, record: RunRecord, stage: Stage, inputs: dict[str, ArtifactRef], done: dict[str, ArtifactRef]
+    request: Request,
+    store: Store,
+    record: RunRecord,
+    stage: Stage,
+    inputs: dict[str, ArtifactRef],
+    done: dict[str, ArtifactRef],
+    *,
+    shared: bool = False,
 ) -> ArtifactRef:
-    """Compute one stage, or find it, as a task of the Prefect flow this is called from."""
+    """Compute one stage, or find it, as a task of the Prefect flow this is called from; `shared` with helpers."""
     parameters = request.parameters(stage, done, store)
     key = stage.key(inputs, parameters)
     known = store.find(request.actor, request.sequence, stage.name, key) is not None
     with record.stage(stage.name, key) as report:
-        task = stage.as_task(store, recording=request.recording, progress=report.progress, warn=report.warn)
+        task = stage.as_task(store, recording=request.recording, progress=report.progress, warn=report.warn, shared=shared)
         # Prefect's record of a result can outlive the artifact it names: it counts only while the artifact is in the store
         result = task.with_options(refresh_cache=not known)(
             request.actor,

@@ -9,13 +9,15 @@ result is known before anything runs (`Stage.key`), so a result that is in the s
 Prefect's cache, decides what is done.
 """
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict
@@ -27,8 +29,10 @@ from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from tasks.content_digest import content_digest
 from tasks.geometry.faults import BadInput
+from tasks.shared_map import Map, SharedMap, Superseded
 
 LEASE_S = 60.0
+SHARED, START = "shared", "start"  # below a checkpoint: what helpers take part in, and the checkpoint as the computation found it
 SEALED = ".truth"  # a folder whose name ends so is closed to every stage
 
 
@@ -48,7 +52,10 @@ class Parameters(BaseModel):
 
 @dataclass(frozen=True)
 class Job:
-    """What a stage knows of its run: whose data, where the recording lies now, a folder that survives a kill, whom to tell how far it is."""
+    """What a stage knows of its run: whose data, where the recording lies now, a folder that survives a kill, whom to tell how far it is.
+
+    shared: the folder in which processes elsewhere take part, if any do.
+    """
 
     actor: str
     sequence: str
@@ -57,6 +64,11 @@ class Job:
     progress: Callable[[float, str], None]
     warn: Callable[[str], None]
     notes: list[str] = field(default_factory=list)
+    shared: Path | None = None
+
+    def spread(self, here: Map, at_once: int) -> Map:
+        """`here`, which computes `at_once` items side by side on this machine; shared with the helpers of this run, if it has any."""
+        return here if self.shared is None else SharedMap(self.shared, here, at_once)
 
 
 @dataclass(frozen=True)
@@ -81,6 +93,7 @@ class Stage:
     reads: Mapping[str, type[Record]]
     writes: type[Record]
     parameters: type[Parameters]
+    spreads: bool = False
 
     def key_fields(self, inputs: Mapping[str, ArtifactRef], parameters: Parameters) -> dict[str, Any]:
         """Everything the key is made of, in the form `plan --explain` compares."""
@@ -109,8 +122,12 @@ class Stage:
         recording: Path | None = None,
         progress: Callable[[float, str], None] = lambda fraction, text: None,
         warn: Callable[[str], None] = lambda text: None,
+        shared: bool = False,
     ) -> Outcome:
-        """The artifact of these inputs: found in the store, or computed and published. Safe to call from any number of processes."""
+        """The artifact of these inputs: found in the store, or computed and published. Safe to call from any number of processes.
+
+        `shared`: others may `help`, if the stage spreads.
+        """
         start = time.perf_counter()
         fields = self.key_fields(inputs, parameters)
         key = artifact_key(**fields)
@@ -121,7 +138,9 @@ class Stage:
             if (ref := store.find(actor, sequence, self.name, key)) is not None:  # another process published it while we waited
                 store.set_latest(ref)
                 return Outcome(ref, True, time.perf_counter() - start)
-            job = Job(actor, sequence, recording, store.checkpoint_dir(actor, sequence, self.name, key), progress, warn)
+            checkpoint = store.checkpoint_dir(actor, sequence, self.name, key)
+            folder = _opened_to_helpers(checkpoint) if shared and self.spreads else None
+            job = Job(actor, sequence, recording, checkpoint, progress, warn, shared=folder)
             opened = {name: store.open(ref, self.reads[name]) for name, ref in inputs.items()}
             provenance = Provenance(
                 stage=self.name, stage_version=self.version, inputs=dict(inputs), weights=fields["weights"], parameters=fields["parameters"]
@@ -132,6 +151,22 @@ class Stage:
             ref = store.publish(record, actor=actor, sequence=sequence, stage=self.name, key=key, provenance=provenance)
             store.set_latest(ref)
         return Outcome(ref, False, time.perf_counter() - start)
+
+    def help(
+        self, store: Store, actor: str, sequence: str, inputs: Mapping[str, ArtifactRef], parameters: Parameters, recording: Path | None
+    ) -> None:
+        """Take part in a shared run of this stage until it has its artifact, by going through the same computation; publishes nothing."""
+        key = self.key(inputs, parameters)
+        if store.find(actor, sequence, self.name, key) is not None:
+            return
+        shared = store.checkpoint_dir(actor, sequence, self.name, key) / SHARED
+        if not shared.is_dir():
+            return
+        opened = {name: store.open(ref, self.reads[name]) for name, ref in inputs.items()}
+        with TemporaryDirectory() as own, suppress(Superseded), _sealed_from_truth():
+            shutil.copytree(shared / START, own, dirs_exist_ok=True)
+            job = Job(actor, sequence, recording, Path(own), lambda fraction, text: None, lambda text: None, shared=shared)
+            self.function(job, **opened, parameters=parameters)
 
     def as_task(self, store: Store, **circumstances: Any) -> Any:
         """This stage as a Prefect task whose cache key is the key of the artifact; its arguments and its result are small JSON.
@@ -162,8 +197,10 @@ class Stage:
         return {n: ArtifactRef.model_validate(r) for n, r in inputs.items()}, self.parameters.model_validate(dict(parameters))
 
 
-def stage(name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retries: int = 0) -> Callable[[Callable[..., Record]], Stage]:
-    """Declare a stage; `pool` is one of vision, tracking, simulation, rendering."""
+def stage(
+    name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retries: int = 0, spreads: bool = False
+) -> Callable[[Callable[..., Record]], Stage]:
+    """Declare a stage; `pool` is one of vision, tracking, simulation, rendering. `spreads`: it maps by `job.spread`, so others can help."""
 
     def declare(function: Callable[..., Record]) -> Stage:
         hints = get_type_hints(function, include_extras=True)
@@ -171,9 +208,22 @@ def stage(name: str, *, version: int, pool: str, timeout_s: float = 3600.0, retr
         hints.pop("job")
         parameters = hints.pop("parameters")
         reads = {name: _record_of(hint) for name, hint in hints.items()}
-        return Stage(name, version, pool, timeout_s, retries, function, reads, writes, parameters)
+        return Stage(name, version, pool, timeout_s, retries, function, reads, writes, parameters, spreads)
 
     return declare
+
+
+def _opened_to_helpers(checkpoint: Path) -> Path:
+    """The folder that helpers look for, with the checkpoint as this run begins from it: theirs must begin from the same."""
+    shared, aside = checkpoint / SHARED, checkpoint / f"{SHARED}.tmp"
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir()
+    for file in (f for f in checkpoint.iterdir() if f.is_file()):
+        shutil.copy2(file, aside)
+    shared.mkdir(exist_ok=True)
+    shutil.rmtree(shared / START, ignore_errors=True)
+    aside.rename(shared / START)
+    return shared
 
 
 def _record_of(hint: Any) -> type[Record]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "tasks/stages.lock"
+MACHINERY = {f"tasks.{name}" for name in ("stage", "child_process", "content_digest", "shared_map", "plain_data")}  # decides no number
 
 
 @cache
@@ -40,7 +41,7 @@ def science_of(door: str) -> list[str]:
         if module not in seen:
             seen.add(module)
             waiting += imported(module)
-    return sorted(seen - {"tasks.stage", "tasks.child_process", "tasks.content_digest"})
+    return sorted(seen - MACHINERY)
 
 
 def digest(door: str) -> str:

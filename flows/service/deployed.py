@@ -10,6 +10,7 @@ from flows.pipeline import AVATAR
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
 from flows.service.group import group_flow
+from flows.service.helper import helper_flow
 from flows.service.order import Scores, Service, unscored
 from flows.service.sweeper import sweeper_flow
 from storage_schemas.store import Store
@@ -25,6 +26,7 @@ vision = group_flow(SERVICE, "vision")
 tracking = group_flow(SERVICE, "tracking")
 simulation = group_flow(SERVICE, "simulation")
 rendering = group_flow(SERVICE, "rendering")
+helper = helper_flow(SERVICE)
 actor = actor_flow(SERVICE)
 dataset = dataset_flow(SERVICE)
 sweeper = sweeper_flow()

@@ -23,6 +23,14 @@ def read(file: Path = PREFECT_FILE) -> dict[str, Any]:
     return yaml.safe_load(file.read_text())
 
 
+def with_parameter(described: dict[str, Any], name: str, value: Any) -> dict[str, Any]:
+    """The same file with this value in every deployment that has a default for the parameter."""
+    changed = [
+        d | {"parameters": d["parameters"] | {name: value}} if name in d.get("parameters", {}) else d for d in described["deployments"]
+    ]
+    return described | {"deployments": changed}
+
+
 def job_variables(kind: str, file: Path = POOLS_FILE) -> dict[str, dict[str, Any]]:
     """Pool → defaults of its jobs (image, GPU, memory …) for a kind of pool, from deploy/pools.yaml. Raises Refused."""
     kinds = yaml.safe_load(file.read_text())

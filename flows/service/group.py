@@ -6,9 +6,10 @@ from prefect import Flow, flow
 
 from flows.request import Request, run_stage
 from flows.runs import RunRecord
+from flows.service.helper import ask_for_helpers
 from flows.service.leftovers import end_orphans
 from flows.service.order import Service
-from flows.service.pictures import show_pictures
+from flows.service.pictures import show
 from flows.service.results import refuse_foreign_records
 from flows.service.shown import Shown
 from storage_schemas.reference import ArtifactRef
@@ -20,26 +21,33 @@ def group_flow(service: Service, pool: str) -> Flow:
     """The flow that workers of `pool` run."""
 
     @flow(name=pool, persist_result=False)  # whoever dispatches names the run after its stages
-    def group(actor: str, sequence: str, settings: dict[str, Any], until: str = "report") -> None:
+    def group(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", helpers: int = 0) -> None:
         refuse_foreign_records()
         end_orphans()
         request, store = service.open(actor, sequence, until, settings)
-        advance(request, store, pool)
+        advance(request, store, pool, helpers)
 
     return group
 
 
-def advance(request: Request, store: Store, pool: str) -> dict[str, ArtifactRef]:
-    """Take what is in the store, compute what belongs to `pool`, stop where another pool must come first; returns what is done."""
+def advance(request: Request, store: Store, pool: str, helpers: int = 0) -> dict[str, ArtifactRef]:
+    """Take what is in the store, compute what belongs to `pool`, stop where another pool must come first; returns what is done.
+
+    helpers: how many are asked for at a stage that spreads.
+    """
     record = RunRecord(store.root, request.actor, request.sequence, listen=Shown(request.actor, request.sequence))
 
     def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
         if any(ref is None for ref in inputs.values()):
             return None
-        ref = store.find(request.actor, request.sequence, stage.name, stage.key(inputs, request.parameters(stage, done, store)))
+        key = stage.key(inputs, request.parameters(stage, done, store))
+        ref = store.find(request.actor, request.sequence, stage.name, key)
         if ref is None and stage.pool == pool:
-            ref = run_stage(request, store, record, stage, inputs, done)
-            show_pictures(store, ref, request.recording)
+            shared = helpers > 0 and stage.spreads
+            if shared:
+                ask_for_helpers(request, stage, key, helpers)
+            ref = run_stage(request, store, record, stage, inputs, done, shared=shared)
+            show(store, stage, ref, done, request.recording)
         return ref
 
     try:

@@ -13,7 +13,8 @@ POOLS = ("vision", "tracking", "simulation", "rendering", "orchestration")
 class ServiceParameters(Parameters):
     """host, port: where the server listens; url: a server elsewhere (then `up` starts workers only); database: SQLAlchemy URL of
     PostgreSQL (else SQLite in the home folder); auth: `user:password` of the server; workers: pool → how many runs at once on this
-    machine; notify: Apprise URL told of failures. Secrets are shown nowhere."""
+    machine; notify: Apprise URL told of failures; helpers: how many other workers of the simulation pool may join in one sequence's
+    simulations (they need the store's folder). Secrets are shown nowhere."""
 
     host: str = "127.0.0.1"
     port: int = 4200
@@ -23,6 +24,7 @@ class ServiceParameters(Parameters):
     notify: SecretStr | None = None
     workers: dict[str, int] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
     poll_s: float = 2.0
+    helpers: int = Field(0, ge=0)
 
 
 def home() -> Path:

@@ -1,9 +1,14 @@
-"""What a person sees who watches only the Prefect UI: how far each stage is, and the table of an actor's stages."""
+"""What a person sees who watches only the Prefect UI: how far each stage is, and the table of an actor's stages.
+
+A server that does not take it is no reason to stop computing: what could not be shown is shown at the next change.
+"""
 
 import re
 import time
+from contextlib import suppress
 from uuid import UUID
 
+import httpx
 from prefect.artifacts import create_progress_artifact, create_table_artifact, update_progress_artifact
 
 from flows.request import Request
@@ -29,10 +34,11 @@ class Shown:
     def __call__(self, record: RunRecord) -> None:
         """Told of every change of the record."""
         for stage, entry in record.stages.items():
-            if entry["state"] == "running" and time.monotonic() - self.last > EVERY_S:
-                self._show(stage, 100 * entry["fraction"], entry["text"])
-            elif entry["state"] == "completed" and stage in self.artifacts:
-                update_progress_artifact(self.artifacts.pop(stage), progress=100.0)
+            with suppress(httpx.HTTPError):
+                if entry["state"] == "running" and time.monotonic() - self.last > EVERY_S:
+                    self._show(stage, 100 * entry["fraction"], entry["text"])
+                elif entry["state"] == "completed" and stage in self.artifacts:
+                    update_progress_artifact(self.artifacts.pop(stage), progress=100.0)
 
     def _show(self, stage: str, percent: float, text: str) -> None:
         self.last = time.monotonic()
@@ -57,4 +63,6 @@ async def show_stages(request: Request, found: Survey, running: set[str], failur
             state, key = "waiting", ""
         why = failures.get(stage.pool, "") if state == "failed" else ""
         rows.append({"stage": stage.name, "pool": stage.pool, "state": state, "key": key[:12], "why": why})
-    await create_table_artifact(rows, key=artifact_name(request.actor, request.sequence), description=f"{request.actor} {request.sequence}")
+    key, said = artifact_name(request.actor, request.sequence), f"{request.actor} {request.sequence}"
+    with suppress(httpx.HTTPError):
+        await create_table_artifact(rows, key=key, description=said)

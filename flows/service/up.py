@@ -114,11 +114,11 @@ async def _furnish(
     from prefect.client.orchestration import get_client
 
     from flows.service.automations import arm
-    from flows.service.deployments import deploy
+    from flows.service.deployments import deploy, with_parameter
 
     async with get_client() as client:
         await arm(client, service.notify)
-        await deploy(client, described, kind=kind, variables=variables or {})
+        await deploy(client, with_parameter(described, "helpers", service.helpers), kind=kind, variables=variables or {})
 
 
 def _refuse_taken_port(service: ServiceParameters) -> None:

@@ -22,6 +22,7 @@ from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.scene import Scene, replay
+from tasks.cloth.shooting import Map
 from tasks.cloth.tracked_scene import tracked_scene
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.cloth.worn_scene import worn_scene
@@ -34,6 +35,7 @@ from tasks.skinning.linear_blend import repose
 from tasks.stage import Folder, Job, Parameters, stage
 
 GAUSS_NEWTON_ITERATIONS = 4
+AT_ONCE = 2  # computations side by side on one machine
 
 
 class FitParameters(Parameters):
@@ -111,7 +113,7 @@ class Work:
     weighed: bool = False
 
 
-@stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1)
+@stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
 def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> ClothRecord:
     """Fit all garments of an actor, one after the other, each on both cores."""
     worn = _garments(tracking)
@@ -175,13 +177,13 @@ Fitted = tuple[Scene, Fit, dict[str, Any]]
 def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
     """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried.
 
-    Windows, or the four simulations of Algorithm 1, are mapped over two processes; one that is killed or slow is begun again.
+    Windows, or the four simulations of Algorithm 1, are mapped over two processes and those of helpers; one that is killed or slow is begun again.
     """
     fitted = []
     for each in work:
-        with Pool(limit_s=parameters.limit_s, attempts=parameters.attempts) as pool:
+        with Pool(limit_s=parameters.limit_s, at_once=AT_ONCE, attempts=parameters.attempts) as pool:
             by = _by_differences if parameters.method == "adam-fd" else _by_tangents
-            scene, found, known = by(job, each, parameters, pool)
+            scene, found, known = by(job, each, parameters, job.spread(pool.map, AT_ONCE))
             found = replace(found, reasons=(*pool.reasons, *found.reasons))
         for said in (*found.reasons, *([] if found.replay.complete else [f"replay of the whole: {found.replay.ending}"])):
             job.warn(f"{each.name}: {said}")
@@ -189,7 +191,7 @@ def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]
     return fitted
 
 
-def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) -> Fitted:
+def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
     """Gauss–Newton on windows; one that was interrupted goes on from the fabric it tried last."""
     saved, memory = job.checkpoint / f"{work.name}.json", FrameFile(job.checkpoint / f"{work.name}.npz")
     start = load_fabric(saved, work.fabric)
@@ -199,7 +201,7 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) ->
         jobs = list(jobs)
         if jobs:
             save_fabric(saved, jobs[0].model.subject.fabric)
-        return pool.map(function, jobs)
+        return list(run(function, jobs))
 
     effects = _effects(parameters.effects, parameters.effects_folder)
     iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
@@ -209,11 +211,11 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, pool: Pool) ->
         job.progress(next(rounds) / most, f"{work.name}: {text}")
 
     found = fit_windows(scene, start, effects=effects, iterations=iterations, run=mapped, memory=memory, tell=tell)
-    known = knowledge(scene, found, objective=Windowed.of(found, pool.map), otherwise=work.otherwise, profiles=parameters.profiles)
+    known = knowledge(scene, found, objective=Windowed.of(found, run), otherwise=work.otherwise, profiles=parameters.profiles)
     return scene, found, known
 
 
-def _by_differences(job: Job, work: Work, parameters: FitParameters, pool: Pool) -> Fitted:
+def _by_differences(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
     """Algorithm 1."""
     scene, saved = as_algorithm_1(work.scene), job.checkpoint / f"{work.name}.json"
     iterations = parameters.iterations or ITERATIONS
@@ -224,7 +226,7 @@ def _by_differences(job: Job, work: Work, parameters: FitParameters, pool: Pool)
 
     start = load_descent(saved, Descent.at([work.fabric.density, work.fabric.membrane, work.fabric.bending]))
     descent = descend(
-        scene, work.fabric, start, iterations=iterations, as_released=parameters.as_released, run=pool.map, on_iteration=on_iteration
+        scene, work.fabric, start, iterations=iterations, as_released=parameters.as_released, run=run, on_iteration=on_iteration
     )
     fabric = found_fabric(work.fabric, descent, density=work.fabric.density if work.weighed else None)
     last = replay(scene, fabric, tangents=PARAMETERS)

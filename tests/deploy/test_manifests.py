@@ -7,7 +7,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
-from flows.service.deployments import job_variables, read
+from flows.service.deployments import job_variables, read, with_parameter
 from flows.service.parameters import POOLS
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -76,6 +76,12 @@ def test_deployments_name_pools_and_queues_that_exist():
     for pool in described["pools"].values():
         single, batch = pool["queues"]["single"], pool["queues"]["batch"]
         assert single["priority"] < batch["priority"]
+
+
+def test_an_operators_helpers_reach_the_simulation_pool_alone():
+    asked = with_parameter(read(), "helpers", 3)["deployments"]
+    assert {d["entrypoint"].rpartition(".")[2] for d in asked if d.get("parameters") == {"helpers": 3}} == {"simulation"}
+    assert read() == with_parameter(read(), "helpers", 0)
 
 
 def test_no_password_is_written_down():

@@ -99,6 +99,18 @@ def test_a_dataset_does_what_is_left_and_says_how_it_went(ended):
 
 
 @pytest.mark.slow
+def test_a_helper_shares_the_simulations_of_another_run(running):
+    place, _ = running
+    order_of = actor_work("wide", "k-wide", "3.0 parts:12").parameters
+    asyncio.run(dispatch(Work("vision/service", order_of, "k-wide-vision", "ann wide: vision")))
+    asyncio.run(dispatch(Work("simulation/service", order_of | {"helpers": 1}, "k-wide-cloth", "ann wide: simulation")))
+    store = Store(place / "store")
+    (entry,) = store.list("ann", "wide", "cloth")
+    assert store.open(store.find("ann", "wide", "cloth", entry.address.key), tiny.Tiny).parts == 2
+    assert store.verify() == []
+
+
+@pytest.mark.slow
 def test_cancelling_a_parent_reaches_its_child(running):
     from flows.service.dispatch import submit
 

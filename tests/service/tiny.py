@@ -1,13 +1,15 @@
 """A line of two small stages on two pools, deployed as the avatar's line is: what the service does, at a hundredth of the cost.
 
 `capture` reads a text file below the recording; `cloth` sleeps for as long as the text says, in a child process, as a solver would.
-Words in the text make trouble: "crash" kills the flow's process at every attempt, "refuse" is bad input.
+Words in the text make trouble: "crash" kills the flow's process at every attempt, "refuse" is bad input. "parts:6" has `cloth` sleep as often, and
+say in `parts` how many processes shared that.
 """
 
 import os
 import signal
 import time
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from flows.line import Line, Run
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
 from flows.service.group import group_flow
+from flows.service.helper import helper_flow
 from flows.service.order import Service
 from flows.service.sweeper import sweeper_flow
 from storage_schemas.fields import array
@@ -33,6 +36,7 @@ HERE = Path(__file__)
 class Tiny(Record, name="tiny", version=1):
     values: np.ndarray = array("frame 3", "float32", "m")
     seconds: float
+    parts: int = 1
 
 
 class CaptureParameters(Parameters):
@@ -51,19 +55,30 @@ def capture(job: Job, parameters: CaptureParameters) -> Tiny:
     if "crash" in text:
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(0.05)
-    return Tiny(values=np.ones((2, 3), np.float32), seconds=float(text.split()[0]))
+    parts = next((int(word.removeprefix("parts:")) for word in text.split() if word.startswith("parts:")), 1)
+    return Tiny(values=np.ones((2, 3), np.float32), seconds=float(text.split()[0]), parts=parts)
 
 
-@stage("cloth", version=1, pool="simulation", timeout_s=60, retries=1)
+@stage("cloth", version=1, pool="simulation", timeout_s=60, retries=1, spreads=True)
 def cloth(job: Job, capture: Tiny, parameters: ClothParameters) -> Tiny:
     with (job.checkpoint / "computed").open("a") as log:
         log.write("once\n")
     if capture.seconds == 0:  # tests of planning need artifacts, not solvers
         return Tiny(values=capture.values * parameters.scale, seconds=0.0)
+    if capture.parts > 1:
+        run = job.spread(map, 1)
+        where = run(partial(part, capture.seconds), range(capture.parts))
+        return Tiny(values=capture.values * parameters.scale, seconds=capture.seconds, parts=len(set(where)))
     (result,) = run_in_children(
         slowly, [(capture.seconds, parameters.scale)], limit_s=60, on_message=lambda i, m: job.progress(m, "solving")
     )
     return Tiny(values=capture.values * result, seconds=capture.seconds)
+
+
+def part(seconds: float, number: int) -> int:
+    """One of several parts; the process that computed it."""
+    time.sleep(seconds)
+    return os.getpid()
 
 
 def slowly(seconds: float, scale: float, tell: Any) -> float:
@@ -98,6 +113,7 @@ def load() -> Settings:
 SERVICE = Service(LINE, Settings, load)
 vision = group_flow(SERVICE, "vision")
 simulation = group_flow(SERVICE, "simulation")
+helper = helper_flow(SERVICE)
 actor = actor_flow(SERVICE)
 dataset = dataset_flow(SERVICE)
 sweeper = sweeper_flow(unstarted=timedelta(seconds=60))

@@ -1,0 +1,57 @@
+"""A fit that is shared with others is the fit alone, to the last bit; and whoever goes the same way afterwards simulates nothing."""
+
+import numpy as np
+import pytest
+
+from tasks.cloth.adam_fd import Descent, as_algorithm_1, descend
+from tasks.cloth.windowed_fit import fit_windows
+from tasks.plain_data import digest
+from tasks.shared_map import SharedMap
+from tests.cloth.test_gauss_newton import observed, panel
+from tests.cloth.test_windowed_fit import FAR
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return observed(panel(6, frames=11), 5)
+
+
+def windows(scene, run):
+    found = fit_windows(scene, FAR, iterations=1, run=run)
+    return found.fabric, found.normal, found.replay.x
+
+
+def candidates(scene, run):
+    found = descend(as_algorithm_1(scene), FAR, Descent.at([320.0, 1.0, 1.0]), iterations=1, run=run)
+    return found.θ, found.best, [row["loss"] for row in found.history]
+
+
+@pytest.mark.parametrize("fit", [windows, candidates])
+def test_shared_is_alone(scene, tmp_path, fit):
+    simulated = []
+
+    def here(function, items):
+        simulated.extend(items)
+        return map(function, items)
+
+    alone = fit(scene, map)
+    shared = fit(scene, SharedMap(tmp_path, here, 2))
+    assert digest(shared) == digest(alone)
+    assert simulated
+    simulated.clear()
+    assert digest(fit(scene, SharedMap(tmp_path, here, 2))) == digest(alone)
+    assert not simulated
+
+
+def test_one_bit_of_the_recording_is_another_fit(scene, tmp_path):
+    simulated = []
+
+    def here(function, items):
+        simulated.extend(items)
+        return map(function, items)
+
+    candidates(scene, SharedMap(tmp_path, here, 1))
+    first = len(simulated)
+    scene.observed[1, -1] = np.nextafter(scene.observed[1, -1], 1)
+    candidates(scene, SharedMap(tmp_path, here, 1))
+    assert len(simulated) == 2 * first
