@@ -24,7 +24,7 @@ from tasks.gap.feigned import numerics_forcing
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
 from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import Refitted, by_contact, contenders, corrected_model, moved_on, refitted, searched
+from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, corrected_model, moved_on, refitted, searched
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.verdict import Candidate, Verdict, judge, twins, withdrawn
 
@@ -102,11 +102,11 @@ def _decided(
     seen = by_contact(screened, train, effects, alike)
     chosen = contenders(screened.hypotheses, seen, 1 if quick else LEADERS, alike)
     after = {h.name: _told(screened, train, h, effects, run, tell) for h in chosen}
-    singles = [after[h.name].hypothesis if h.name in after else h for h in screened.hypotheses]
+    singles = as_simulated(screened.hypotheses, after, alike)
     leader = max(singles, key=lambda h: h.evidence)
     if leader.name in after and after[leader.name].windows is not None and moved_on(after[leader.name]):
         after[leader.name] = _told(screened, train, leader, effects, run, tell)
-        singles = [after[h.name].hypothesis if h.name == leader.name else h for h in singles]
+        singles = as_simulated(screened.hypotheses, after, alike)
     pairs = searched(after[leader.name]) if leader.name in after else ()
     verdict = judge(singles, pairs, unexplained=unexplained(screened, [*singles, *pairs]), cosines=cosines)
     if verdict.named is None:

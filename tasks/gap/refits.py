@@ -1,6 +1,6 @@
 """Refits of hypotheses with the simulator: which are worth one, the refit, and what a second effect would add beside it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from tasks.gap.verdict import Twins
 
 FAR = 0.1  # change of the leading strength by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
+TWIN = 0.01  # of evidence, so that of two that are the same the one that was simulated leads
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
 
 
@@ -65,6 +66,19 @@ def moved_on(named: Refitted) -> bool:
     before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
     after = np.concatenate([named.hypothesis.θ(e) / e.typical for e in named.hypothesis.effects])
     return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after))
+
+
+def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike: Twins) -> list[Fitted]:
+    """Hypotheses as they weigh after the refits: a twin of one that was simulated weighs as that one less `TWIN`, for its own simulation would be the same."""
+    found = []
+    for h in singles:
+        own = after.get(h.name)
+        other = next((r for name, r in after.items() if own is None and frozenset((name, h.name)) in alike), None)
+        if other is not None and other.hypothesis.weights:
+            (weight,) = other.hypothesis.weights
+            h = replace(h, weights=(replace(weight, prior=weight.prior - TWIN),), forcing=other.hypothesis.forcing)
+        found.append(h if own is None else own.hypothesis)
+    return found
 
 
 def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], alike: Twins) -> list[Fitted]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.gap.refits import contenders
+from tasks.gap.refits import Refitted, as_simulated, contenders
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 NOBODY = frozenset()
@@ -35,3 +35,17 @@ def test_what_was_seen_otherwise_keeps_its_own_strength_and_leaves_room_for_one_
     chosen = contenders(singles, [seen], 1, NOBODY)
     assert chosen[0] is seen
     assert [h.name for h in chosen] == ["gravity_tilt", "contact_friction"]
+
+
+def test_a_twin_of_what_was_simulated_does_not_lead_by_what_it_was_before():
+    """The linear estimate of one twin must not beat the other's simulation, which it would only repeat."""
+    singles = ranked({"air_normal_drag": 8.0}, alike=[("air_normal_drag", "fabric_mass_damping")])
+    drag, damping = (next(h for h in singles if h.name == name) for name in ("air_normal_drag", "fabric_mass_damping"))
+    worse = replace(drag, weights=(replace(drag.weights[0], likelihood=3.0),), forcing=0.5)
+    after = {drag.name: Refitted(worse, None, (), None)}
+    apart, together = (as_simulated(singles, after, alike) for alike in (NOBODY, frozenset([frozenset([drag.name, damping.name])])))
+    assert max(apart, key=lambda h: h.evidence).name == damping.name
+    told = {h.name: h for h in together}
+    assert told[drag.name] is worse and told[damping.name].strengths == damping.strengths
+    assert worse.evidence - 0.1 < told[damping.name].evidence < worse.evidence
+    assert told[damping.name].forcing == 0.5
