@@ -1,5 +1,6 @@
-"""The latest pictures of a sequence, as image artifacts small enough to be shown inside the Prefect UI.
+"""The latest pictures of a sequence, as pages small enough to be shown inside the Prefect UI.
 
+Pages of Markdown, not image artifacts: under an image the UI spells out its address, and these have their content for an address.
 Each is drawn from the artifact that a stage has just published, over the recording, at the last frame and in a few cameras. What cannot be
 drawn or shown is left out with a line in the log: a picture must not fail what was computed.
 """
@@ -15,7 +16,7 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from prefect.artifacts import create_image_artifact, create_link_artifact, create_markdown_artifact
+from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.logging import get_run_logger
 
 from flows.service.shown import artifact_name
@@ -52,7 +53,7 @@ def show(store: Store, stage: Stage, ref: ArtifactRef, done: Mapping[str, Artifa
             capture = record if kind is Capture else store.open(done["capture"], Capture)
             said = f"{ref.actor} {ref.sequence}: {ref.stage}"
             key = artifact_name(ref.actor, ref.sequence, ref.stage, "picture")
-            create_image_artifact(thumbnail(draw(record, _View(capture, recording))), key=key, description=said)
+            create_markdown_artifact(f"![{said}]({thumbnail(draw(record, _View(capture, recording)))})", key=key, description=said)
     except (httpx.HTTPError, OSError, BadInput) as error:
         get_run_logger().warning("%s: nothing to look at: %s", ref.stage, error)
 
@@ -123,8 +124,9 @@ def _show_verdict(ref: ArtifactRef, gap: Gap) -> None:
     rows = "\n".join(
         f"| {', '.join(row['class'])} | {row['probability']:.0%} |" for row in gap.verdict["ranking"][:5] if row["probability"]
     )
-    text = f"# {ref.actor} {ref.sequence}\n\n{gap.verdict['verdict']['sentence']}\n\n| cause | probability |\n|---|---|\n{rows}"
-    create_markdown_artifact(text, key=artifact_name(ref.actor, ref.sequence, "verdict"), description=gap.verdict["verdict"]["sentence"])
+    text = f"{gap.verdict['verdict']['sentence']}\n\n| cause | probability |\n|---|---|\n{rows}"
+    said = f"{ref.actor} {ref.sequence}: verdict"
+    create_markdown_artifact(text, key=artifact_name(ref.actor, ref.sequence, "verdict"), description=said)
 
 
 def _show_report(store: Store, ref: ArtifactRef) -> None:

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import io
 import logging
+import re
 
 import httpx
 import numpy as np
@@ -35,7 +36,7 @@ def shown(tmp_path, monkeypatch):
     recording = {"rgb": ("left/{frame}.png", "right/{frame}.png"), "frame_numbers": np.arange(3, dtype="int32"), "template": None}
     known["capture"] = known["capture"].model_copy(update=rig | recording | {"sha256": sha256, "t": np.tile([0.0, 0, 3], (2, 1))})
     known["gap"] = known["gap"].model_copy(update={"verdict": ANSWER})
-    for kind in ("image", "markdown", "link"):
+    for kind in ("markdown", "link"):
         monkeypatch.setattr(pictures, f"create_{kind}_artifact", lambda *a, k=kind, **more: said.setdefault(k, []).append((a, more)))
     monkeypatch.setattr(pictures, "get_run_logger", lambda: logging.getLogger("test"))
 
@@ -53,22 +54,26 @@ def shown(tmp_path, monkeypatch):
     return show, said
 
 
+def seen_in(page: str) -> Image.Image:
+    """The picture of a page."""
+    return Image.open(io.BytesIO(base64.b64decode(re.fullmatch(r"!\[[^]]+\]\(data:image/jpeg;base64,([^)]+)\)", page)[1])))
+
+
 @pytest.mark.parametrize("stage", ["capture", "keypoints", "body", "tracking", "cloth"])
 def test_a_stage_is_seen(shown, stage):
     show, said = shown
     show(stage)
-    ((((url,), more)),) = said["image"]
+    ((((page,), more)),) = said["markdown"]
     assert more == {"key": f"ann-one-{stage}-picture", "description": f"ann one: {stage}"}
-    picture = Image.open(io.BytesIO(base64.b64decode(url.removeprefix("data:image/jpeg;base64,"))))
+    picture = seen_in(page)
     assert picture.format == "JPEG" and max(picture.size) <= pictures.WIDTH
 
 
 def test_the_last_frame_is_shown(shown):
     show, said = shown
     show("capture")
-    (((url,), _),) = said["image"]
-    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
-    assert picture.mean() == pytest.approx(80, abs=2)
+    (((page,), _),) = said["markdown"]
+    assert np.asarray(seen_in(page)).mean() == pytest.approx(80, abs=2)
 
 
 def test_the_verdict_is_told_in_its_own_words(shown):
@@ -91,6 +96,6 @@ def test_what_cannot_be_shown_harms_nothing(shown, monkeypatch, caplog, trouble)
     def refuse(*_, **__):
         raise trouble
 
-    monkeypatch.setattr(pictures, "create_image_artifact", refuse)
+    monkeypatch.setattr(pictures, "create_markdown_artifact", refuse)
     shown[0]("body")
     assert "body: nothing to look at" in caplog.text
