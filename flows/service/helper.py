@@ -61,4 +61,4 @@ def ask_for_helpers(request: Request, stage: Stage, key: str, count: int) -> Non
     try:
         asyncio.run(ask())
     except (httpx.HTTPError, ObjectNotFound, WorkFailed) as refused:
-        get_run_logger().warning("%s: no helpers: %s", stage.name, refused)
+        get_run_logger().warning("%s: no helpers: %s %s", stage.name, type(refused).__name__, refused)

@@ -30,6 +30,7 @@ from tests.service.place import execute
 STAGES = ("capture", "cloth")
 KINDS = ("engine", "solver", "worker", "connection", "engine and worker")
 FROZEN_S, FULL_S, LIMIT_S = 20.0, 5.0, 1800.0
+EARLY = 4
 
 
 @dataclass
@@ -70,8 +71,10 @@ class Chaos:
 
     def run(self) -> None:
         chance = random.Random(self.seed)
-        deeds = [KINDS[n % len(KINDS)] for n in range(self.kills)] + ["freeze"] * self.freezes + ["disk full"] * self.full_disks
+        deeds = [KINDS[n % len(KINDS)] for n in range(self.kills)]
         chance.shuffle(deeds)
+        for rare in ["freeze"] * self.freezes + ["disk full"] * self.full_disks:  # early, so that a short run has them too
+            deeds.insert(chance.randrange(min(len(deeds), EARLY) + 1), rare)
         while deeds and not self.stopped.wait(chance.uniform(*self.pause_s)):
             if self._do(deeds[0], chance):
                 deeds.pop(0)
