@@ -42,7 +42,7 @@ class GapParameters(Parameters):
     limit_s: float = 600.0
 
 
-@stage("gap", version=1, pool="simulation", timeout_s=4 * 3600)
+@stage("gap", version=1, pool="simulation", timeout_s=4 * 3600, spreads=True)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
@@ -85,14 +85,15 @@ def _diagnosed(
     model, recording = _subject(garment, capture, tracking, body, cloth, zone, parameters)
     given = {e.name for e in model.effects}
     steps = iter(range(1, 1000))
-    with Pool(limit_s=parameters.limit_s, at_once=os.cpu_count() or 1) as pool:
+    cores = os.cpu_count() or 1
+    with Pool(limit_s=parameters.limit_s, at_once=cores) as pool:
         found = diagnose(
             model,
             [recording],
             [e for e in suspects(library(parameters.effects_folder).values()) if e.name not in given],
             contact_doubt=contact_sagitta(model.subject.cloth, [recording], model.settings.barrier_distance),
             quick=parameters.quick,
-            run=pool.map,
+            run=job.spread(pool.map, cores),
             tell=lambda text: job.progress(1 - 0.85 ** next(steps), text),
         )
     told = answer(found, seconds=None)  # the same input gives the same artifact; how long it took stands in the provenance
