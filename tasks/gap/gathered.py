@@ -57,19 +57,28 @@ def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Gat
 def _states(job: tuple[Model, Recording]) -> tuple[Recording, States]:
     model, recording = job
     recording = with_yielded_collider(recording, model)
-    return recording, states(recording.scene(model), recording.motion, recording.observed, float(np.median(recording.noise)))
+    return recording, _restate((model, recording))
 
 
 def restated(model: Model, data: Gathered, run: Map = map) -> Gathered:
     """The states that another model finds: cloth too soft keeps the noise as wrinkles, which make it look softer than it is."""
-    walked = list(run(_restate, [(model, r) for r in data.recordings]))
-    return replace(data, states=tuple(new if len(new.x) >= len(old.x) else old for new, old in zip(walked, data.states, strict=True)))
+    return _where_longer(data, list(run(_restate, [(model, r) for r in data.recordings])), data.recordings)
 
 
 def restarted(model: Model, data: Gathered, run: Map = map) -> Gathered:
-    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too."""
-    moved_body = any("motion" in e.acts_through and model.strength(e).any() for e in model.effects)
-    return restated(model, data, run) if moved_body else data
+    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may pinch itself anew."""
+    if not any("motion" in e.acts_through and model.strength(e).any() for e in model.effects):
+        return data
+    recordings, walked = zip(*run(_states, [(model, r) for r in data.recordings]), strict=True)
+    return _where_longer(data, walked, recordings)
+
+
+def _where_longer(data: Gathered, walked: Sequence[States], recordings: Sequence[Recording]) -> Gathered:
+    """New states, and the recordings they belong to, but where they end before the old ones."""
+    better = [len(new.x) >= len(old.x) for new, old in zip(walked, data.states, strict=True)]
+    states = [new if ok else old for new, old, ok in zip(walked, data.states, better, strict=True)]
+    kept = [new if ok else old for new, old, ok in zip(recordings, data.recordings, better, strict=True)]
+    return replace(data, states=tuple(states), recordings=tuple(kept))
 
 
 def _restate(job: tuple[Model, Recording]) -> States:

@@ -1,0 +1,60 @@
+"""A collider that gives way as it is once effects have moved it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.windows import Recording
+from tasks.cloth.yielded_collider import with_yielded_collider, yielded_everywhere
+from tasks.effects.effect import Motion, Subject
+from tasks.effects.library import library
+from tasks.effects.model import Model
+from tasks.geometry.distances import inside
+from tasks.simulator import Cloth, Collider, Fabric, Settings
+from tests.cloth.test_contact_sagitta import FPS, tube
+from tests.simulator.scenes import sheet
+
+RADIUS, GAP = 0.05, 0.012
+OFFSET = library()["body_offset"]
+
+
+@pytest.fixture(scope="module")
+def limbs():
+    """Two parallel limbs 12 mm apart with a sheet beside them: model, recording."""
+    x, faces = tube(RADIUS, around=60, along=12)
+    other = x + np.array([2 * RADIUS + GAP, 0, 0])
+    both = np.concatenate([x, other])
+    two = np.concatenate([faces, faces + len(x)]).astype(np.int32)
+    cloth_x, cloth_faces = sheet(5, 5, length=0.1, width=0.1)
+    near = cloth_x - cloth_x.mean(0) + (RADIUS + GAP / 2, RADIUS + 0.02, 0)
+    subject = Subject(Cloth(cloth_x, cloth_faces, np.arange(5)), Fabric(), Collider(two), np.full(25, "free"), FPS)
+    T = 2
+    motion = Motion(np.repeat(both[None], T, 0), np.repeat(near[None, :5], T, 0))
+    return Model(subject, Settings(yield_collider=False)), Recording(
+        Collider(two), motion, np.repeat(near[None], T, 0), np.full((T, 25), 1e-3)
+    )
+
+
+def buried(model, recording):
+    """How many of the collider's middle vertices lie in the other limb, as the model drives it."""
+    c = recording.scene(model).driven(recording.motion).collider[0]
+    middle = np.abs(c[:, 2]) < 0.1
+    half = len(c) // 2
+    faces = recording.collider.faces[: len(recording.collider.faces) // 2]
+    return int(inside(c[half:][middle[half:]], c[:half], faces).sum())
+
+
+def test_limbs_that_are_apart_stay_as_they_were_recorded(limbs):
+    model, recording = limbs
+    np.testing.assert_array_equal(with_yielded_collider(recording, model).motion.collider, recording.motion.collider)
+
+
+@pytest.mark.parametrize("yielded", [with_yielded_collider, yielded_everywhere])
+def test_limbs_that_an_effect_makes_thicker_do_not_grow_into_one_another(limbs, yielded):
+    model, recording = limbs
+    thick = replace(model, effects=(OFFSET,), strengths={OFFSET.name: np.array([0.01])})
+    assert buried(thick, recording) > 0
+    assert buried(thick, yielded(recording, thick)) == 0
+    far = np.abs(yielded(recording, thick).motion.collider[0] - recording.motion.collider[0]).max(1) == 0
+    assert far.mean() > 0.5  # what touches nothing stays
