@@ -10,7 +10,7 @@ from flows.pipeline import AVATAR
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
 from flows.service.group import group_flow
-from flows.service.helper import helper_flow
+from flows.service.joining import helper_flow
 from flows.service.order import Scores, Service, unscored
 from flows.service.sweeper import sweeper_flow
 from storage_schemas.store import Store

@@ -6,7 +6,7 @@ from prefect import Flow, flow
 
 from flows.request import Request, run_stage
 from flows.runs import RunRecord
-from flows.service.helper import ask_for_helpers
+from flows.service.joining import ask_for_helpers
 from flows.service.leftovers import end_orphans
 from flows.service.order import Service
 from flows.service.pictures import show

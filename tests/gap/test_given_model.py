@@ -42,7 +42,7 @@ def asked(monkeypatch):
         cloth = SimpleNamespace(parameters={"skirt": parameters}, vertices_index=np.arange(V))
         with pytest.raises(Stop):
             stage._diagnosed(
-                SimpleNamespace(progress=lambda *told: None),
+                SimpleNamespace(progress=lambda *told: None, spread=lambda run, at_once: run),
                 SimpleNamespace(fps=25.0),
                 tracking,
                 SimpleNamespace(vertices=body, faces=body_faces),

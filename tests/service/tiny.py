@@ -21,7 +21,7 @@ from flows.line import Line, Run
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
 from flows.service.group import group_flow
-from flows.service.helper import helper_flow
+from flows.service.joining import helper_flow
 from flows.service.order import Service
 from flows.service.sweeper import sweeper_flow
 from storage_schemas.fields import array
