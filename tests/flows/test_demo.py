@@ -115,8 +115,21 @@ def test_kills_at_random_moments_change_nothing(small, tmp_path):
 
 @pytest.mark.slow
 def test_the_demo_of_full_size_against_its_truth(tmp_path):
-    scores = {name: score["value"] for name, score in run(tmp_path, *demo())["scores"].items()}
-    assert scores["mean joint error"] < 60
-    assert scores["skirt: tracked vertices, rms error"] < 12
-    assert scores["image likeness, mean PSNR"] > 20
-    assert all(0.4 < scores[f"{garment}: kappa_s_over_rho, estimate/truth"] < 2.5 for garment in ("skirt", "top"))
+    """Margins a third to a half above the errors of 2026-11-21 (joints 21 mm, skirt 4.8, top 2.2 mm, κ_s/ρ 0.92 and 0.65, 28.1 dB)."""
+    ended = run(tmp_path, *demo())
+    scores = {name: score["value"] for name, score in ended["scores"].items()}
+    assert scores["mean joint error"] < 30
+    assert scores["skirt: tracked vertices, rms error"] < 7
+    assert scores["top: tracked vertices, rms error"] < 4
+    assert scores["image likeness, mean PSNR"] > 26
+    for garment in ("skirt", "top"):
+        assert 0.5 < scores[f"{garment}: kappa_s_over_rho, estimate/truth"] < 2
+        bending = scores[f"{garment}: kappa_b_over_rho, estimate/truth"]
+        assert bending is None or 1 / 3 < bending < 3  # None: the mesh is too coarse to tell
+    page = Path(ended["report"]).read_text()
+    assert all(name in page for name in scores)
+    start = time.monotonic()
+    again = run(tmp_path, *demo())
+    assert {entry["state"] for entry in again["stages"].values()} == {"cached"}
+    assert again["scores"] == ended["scores"]
+    assert time.monotonic() - start < 120  # 25 s on an idle machine, see the README

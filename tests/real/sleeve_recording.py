@@ -68,8 +68,9 @@ def arm_frame(s1: np.ndarray, s2: np.ndarray) -> np.ndarray:
 
 
 def in_arm_frame(run: Run, x: np.ndarray) -> np.ndarray:
-    """Points x [T, 3] m as seen from the arm [T, 3] m."""
-    return np.einsum("tij,tj->ti", arm_frame(run.s1, run.s2), x - run.s2)
+    """Points x [T, ..., 3] m as seen from the arm [T, ..., 3] m."""
+    s2 = run.s2.reshape(len(x), *(1 for _ in x.shape[2:]), 3)
+    return np.einsum("tij,t...j->t...i", arm_frame(run.s1, run.s2), x - s2)
 
 
 def baselines() -> dict[int, tuple[float, float]]:
