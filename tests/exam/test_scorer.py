@@ -112,7 +112,8 @@ def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
 def test_wilson_against_the_textbook():
     """Newcombe 1998, table I: 81 of 263 gives 0.2553 … 0.3662."""
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
-    assert wilson(0, 32)[1] == pytest.approx(0.107, abs=1e-3)
+    assert wilson(0, 32) == pytest.approx((0.0, 0.107), abs=1e-3)
+    assert wilson(0, 5)[0] == 0.0 and wilson(5, 5)[1] == 1.0
 
 
 def test_bootstrap_of_a_mean_has_the_width_of_the_normal():

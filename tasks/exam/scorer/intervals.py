@@ -15,7 +15,8 @@ def wilson(successes: float, count: int) -> tuple[float, float]:
     p, n = successes / count, count
     centre = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
     half = Z / (1 + Z**2 / n) * np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
-    return float(max(centre - half, 0.0)), float(min(centre + half, 1.0))
+    low, high = centre - half, centre + half  # exactly 0 where none succeeded, but for rounding
+    return (float(max(low, 0.0)) if successes else 0.0), (float(min(high, 1.0)) if successes < count else 1.0)
 
 
 def bootstrap(values: Array, statistic=np.mean, seed: int = 0) -> tuple[float, float]:
