@@ -80,12 +80,13 @@ def _budget(told: Account) -> Section:
 
 def _where(found: Diagnosis, told: Account) -> Section:
     cloth = found.base.subject.cloth
-    shown = {"residual": (told.residual_mm, "rms mm"), "missing acceleration": (told.missing, "rms m/s²")}
+    shown = {"residual": (told.residual_mm, "rms mm"), "nameless forcing": (told.missing, "rms m/s²")}
     if told.added is not None:
         shown["added by the named effect"] = (told.added, "rms m/s²")
     x = told.evidence[0].prediction.x[0]
     caption = (
-        "Residual of the compared windows before the effect; acceleration that would close the training windows' residual; grey: not seen."
+        "Residual of the compared windows before the effect; force per mass that would close the training windows' residual, most of which the cloth's own "
+        "stiffness takes up; grey: not seen."
     )
     rows = [_split_row(s) for s in told.splits]
     names = list(told.splits[0].before)
