@@ -79,7 +79,8 @@ def sentence(found: Diagnosis) -> str:
         instead = v.kind.replace("_", " the ")
         return f"{start}; {v.reason}, so nothing is named ({instead}: probability {v.probability:.0%})."
     if v.kind == "none":
-        return f"{start}; no effect of the library is needed to explain that (probability {v.probability:.0%})."
+        found = "is needed to explain that" if gap.closed_fraction is None else "was found to explain that"  # None: at the floor
+        return f"{start}; no effect of the library {found} (probability {v.probability:.0%})."
     if v.kind == "outside_library":
         return f"{start}; no effect of the library explains it (probability {v.probability:.0%})."
     cause = " and ".join(c[0] if len(c) == 1 else f"one of {', '.join(c)}" for c in v.classes)

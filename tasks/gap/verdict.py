@@ -1,7 +1,8 @@
 """From weighed hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
 
 Posterior weights beside 1 for "none": π_e exp(T E_e) of a single effect with evidence E_e, π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
-effect f makes with the leading one. The temper T < 1 says how far evidence from simulations of a simulation may be trusted. Effects within `TOGETHER`
+effect f makes with the leading one. The temper T < 1 says how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
+effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER`
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
 apart. Those within as much of the second one form the second's.
 
@@ -26,6 +27,7 @@ Twins = frozenset[frozenset[str]]
 
 SINGLE, PAIR = 1.0, 0.3  # prior weight of all singles, and of a second effect beside a first one, beside 1 for none
 TEMPER = 0.8
+EXCLUDED = 5.0  # of evidence against an effect
 BESIDE = 0.15  # weight of "outside the library" beside a named effect that leaves everything unexplained
 TOGETHER = 1.5  # difference of evidence up to which names form a class
 ALIKE = 0.97  # cosine of signatures from which they do whatever their strengths
@@ -71,7 +73,7 @@ def judge(singles: Sequence[Fitted], pairs: Sequence[Fitted] = (), *, unexplaine
     in the library is the cause; cosines: of the signatures of the effects weighed."""
     ranked = sorted(singles, key=lambda h: -h.evidence)
     prior = np.log(SINGLE / len(ranked))
-    weight = [float(np.exp(prior + TEMPER * h.evidence)) for h in ranked]
+    weight = [float(np.exp(prior + TEMPER * max(h.evidence, -EXCLUDED))) for h in ranked]
     seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
     doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
     named = sum(weight) + sum(doubled[:1])

@@ -1,5 +1,7 @@
 """Hypotheses in compressed space, against the dense computation and on windows whose cause is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -195,3 +197,15 @@ def test_twins_form_a_class_however_plausible_their_strengths():
     together = judge(singles, unexplained=0.0, cosines=confusability(w, EFFECTS))
     assert len(apart.classes[0]) == 1
     assert set(together.classes[0]) == {"air_normal_drag", "fabric_mass_damping"}
+
+
+def test_nothing_is_excluded_with_absurd_certainty():
+    """An effect whose strength is known to be zero within a thousandth of the typical one: improbable, not impossible."""
+    w = windows(np.random.default_rng(8), truth={}, n=40_000)
+    h = w.fit([LIBRARY["contact_friction"]])
+    assert h.evidence < -4
+    certain = replace(h, weights=(replace(h.weights[0], prior=-400.0),))
+    verdict = judge([certain, *(w.fit([e]) for e in EFFECTS if e.name != h.name)], unexplained=0.0)
+    assert verdict.kind == "none"
+    (own,) = [c for c in verdict.ranking if h.name in c.names]
+    assert 1e-4 < own.probability < 1e-1

@@ -1,0 +1,27 @@
+"""The verdict in words."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.gap.answer import sentence
+from tasks.gap.held_out import Shrinkage
+from tasks.gap.verdict import Verdict
+
+
+def told(before, floor, fraction):
+    gap = Shrinkage(before, before, floor, fraction, fraction, fraction, True)
+    return sentence(SimpleNamespace(verdict=Verdict("none", None, (), 0.6, ()), shrinkage=gap))
+
+
+def test_none_at_the_floor_needs_nothing_and_none_above_it_found_nothing():
+    assert "is needed to explain that (probability 60%)" in told(3.3, 3.5, None)
+    assert "was found to explain that (probability 60%)" in told(8.6, 3.8, 0.0)
+
+
+@pytest.mark.parametrize("reason", ["4 windows are too few"])
+def test_what_cannot_be_tested_says_why(reason):
+    nothing = Shrinkage(np.nan, np.nan, np.nan, None, None, None, False)
+    found = SimpleNamespace(verdict=Verdict("not_testable", None, (), 1.0, (), reason), shrinkage=nothing)
+    assert sentence(found) == f"Not testable: {reason}."
