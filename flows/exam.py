@@ -35,6 +35,7 @@ ROOT = Path(__file__).parents[1]
 EXAMINED = ("tasks/simulator", "tasks/effects", "tasks/cloth", "tasks/gap")
 SCOREBOARD = ROOT / "docs" / "exam-scoreboard.jsonl"
 OPEN_FILES = ("train-1.npz", "train-2.npz", "blind.npz")
+UNMADE = "left-out"  # file of a case that could not be made: why
 LIMIT_S = 1800  # wall-clock seconds of one diagnosis
 THIRD = 3  # slow rivals answer the cases whose number this divides
 Split = Literal["open", "sealed"]
@@ -125,17 +126,25 @@ def seal(folder: Path) -> str:
 
 
 def generate(folder: Folder, wanted: Sequence[Question]) -> Iterator[tuple[int, str]]:
-    """Make the cases that are not there yet; yields each number and what came of it."""
+    """Make the cases that are not there yet; yields each number and what came of it. What could not be made is not tried again: its draws would be the same."""
     for question in wanted:
+        refused = folder.case(question.number) / UNMADE
         if folder.made(question.number):
             yield question.number, "there"
-            continue
-        try:
-            folder.write(question, make(question))
-        except Unmakeable as error:
-            yield question.number, f"left out: {error}"
+        elif refused.exists():
+            yield question.number, f"left out: {refused.read_text().strip()}"
         else:
-            yield question.number, "made"
+            yield question.number, _made(folder, question, refused)
+
+
+def _made(folder: Folder, question: Question, refused: Path) -> str:
+    try:
+        folder.write(question, make(question))
+    except Unmakeable as error:
+        refused.parent.mkdir(parents=True, exist_ok=True)
+        _replace(refused, f"{error}\n")
+        return f"left out: {error}"
+    return "made"
 
 
 def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:

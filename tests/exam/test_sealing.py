@@ -120,6 +120,20 @@ def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatc
     assert calls[0][calls[0].index("--without") + 1] == "air_lift"
 
 
+def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
+    tried = []
+
+    def make(question):
+        tried.append(question.number)
+        raise exam.Unmakeable("two meshes of it differ by 12 mm")
+
+    monkeypatch.setattr(exam, "make", make)
+    folder = exam.Folder(tmp_path / "new")
+    told = [list(exam.generate(folder, [QUESTION])) for _ in range(2)]
+    assert told == [[(7, "left out: two meshes of it differ by 12 mm")]] * 2
+    assert tried == [7] and folder.numbers() == [] and not folder.made(7)
+
+
 def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
