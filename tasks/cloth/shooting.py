@@ -44,15 +44,15 @@ SIGMA_A = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)  # and for σ_a [m/s²]
 
 @dataclass(frozen=True)
 class Prior:
-    """Standard deviations of smooth modes: σ_x [m] and σ_v [m/s] of a start state, σ_a [m/s²] of the forcing."""
+    """Standard deviations of smooth modes: σ_x [m] and σ_v [m/s] of a start state; σ_a [m/s²] of the forcing."""
 
     x: float
     v: float
     a: float = 0.0
 
     def variances(self, names: Sequence[str]) -> Array:
-        """One per column."""
-        return np.array([{"x": self.x, "v": self.v, "a": self.a}[name[0]] ** 2 for name in names])
+        """One per state column."""
+        return np.array([self.x**2 if name.startswith("x ") else self.v**2 for name in names])
 
 
 @dataclass(frozen=True)
@@ -122,15 +122,15 @@ def state_names(names: Sequence[str]) -> list[str]:
     return [*columns_of(names, "x "), *columns_of(names, "v ")]
 
 
-def nuisances(names: Sequence[str]) -> list[str]:
-    """Columns of the start state and of the forcing, in this order."""
-    return [*state_names(names), *columns_of(names, "a ")]
-
-
 def without_nuisances(normals: Normals, prior: Prior) -> Normals:
     """Normal equations with start state and forcing marginalised."""
-    z = nuisances(normals.names)
-    return marginalised(normals, z, prior.variances(z))
+    return without_forcing(without_state(normals, prior), prior.a)
+
+
+def without_forcing(normals: Normals, σ_a: float) -> Normals:
+    """Normal equations with a forcing of size σ_a [m/s²] marginalised; as they are where there is none."""
+    a = list(columns_of(normals.names, "a "))
+    return marginalised(normals, a, np.full(len(a), σ_a**2)) if a else normals
 
 
 def without_state(normals: Normals, prior: Prior) -> Normals:

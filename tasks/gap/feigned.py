@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from tasks.cloth.chord_shortening import chord_shortening
 from tasks.cloth.contact_sagitta import body_speed
-from tasks.cloth.shooting import PARAMETERS
-from tasks.cloth.windows import Normals, columns_of, marginalised
+from tasks.cloth.shooting import PARAMETERS, without_forcing
+from tasks.cloth.windows import Normals, columns_of
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered
@@ -36,7 +36,7 @@ def mesh_doubt(model: Model, data: Gathered, contact_doubt: float) -> MeshDoubt:
 
 def feigned(effects: Sequence[Effect], doubt: MeshDoubt, normals: Sequence[Normals], σ_a: float) -> Feigned:
     """Column -> standard deviation of the strength that the mesh feigns; normals [W]: with columns of forcing (size σ_a [m/s²]) and "numerics"."""
-    finer = [_unforced(n, σ_a) for n in normals if "numerics" in n.names]
+    finer = [without_forcing(n, σ_a) for n in normals if "numerics" in n.names]
     found = {}
     for e in effects:
         own = np.hypot(e.feigned(doubt), _by_numerics(e, finer))
@@ -70,8 +70,3 @@ def numerics_forcing(normals: Sequence[Normals]) -> float:
             σ2 = np.square(FORCING)[:, None]
             losses += np.sum(np.log1p(σ2 * λ) - σ2 * (λ + h2) / (1 + σ2 * λ), 1)
     return FORCING[int(np.argmin(losses))]
-
-
-def _unforced(n: Normals, σ_a: float) -> Normals:
-    a = list(columns_of(n.names, "a "))
-    return marginalised(n, a, np.full(len(a), σ_a**2)) if a else n

@@ -31,8 +31,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS
-from tasks.cloth.windows import Normals, columns_of, marginalised
+from tasks.cloth.shooting import PARAMETERS, without_forcing
+from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -237,13 +237,9 @@ class Windows:
         _, σ_a = self._loss(effects)
         forced = self._forced(σ_a)
         θ, names = forced.solve(effects)
-        each = (
-            [Forced(self.normals, self.overdispersion, self.origin).solve(effects, k)[0] for k in range(len(self))]
-            if len(self) > 1
-            else [θ]
-        )
-        told = Forced(self.normals, self.overdispersion, self.origin)
-        misfits = np.array([told.misfits(t, names)[k] for k, t in enumerate(each)])
+        allowed = self._forced(self.forcing)
+        each = [allowed.solve(effects, k)[0] for k in range(len(self))] if len(self) > 1 else [θ]
+        misfits = np.array([allowed.misfits(t, names)[k] for k, t in enumerate(each)])
         weights = tuple(self._weigh(e, effects[:k]) for k, e in enumerate(effects))
         φ = max((v.dispersion for v in weights), default=self._dispersion(()))
         covariance = φ * np.linalg.pinv(sum(G for G, _ in forced.scaled(names)), hermitian=True)
@@ -272,9 +268,7 @@ class Windows:
     def _at(self, σ_a: float) -> list[Normals]:
         """With a forcing of size σ_a [m/s²] marginalised."""
         if σ_a not in self._sizes:
-            names = [list(columns_of(n.names, "a ")) for n in self.given]
-            pairs = zip(self.given, names, strict=True)
-            self._sizes[σ_a] = [marginalised(n, a, np.full(len(a), σ_a**2)) if a else n for n, a in pairs]
+            self._sizes[σ_a] = [without_forcing(n, σ_a) for n in self.given]
         return self._sizes[σ_a]
 
     def _forced(self, σ_a: float) -> Forced:

@@ -18,8 +18,8 @@ from tasks.gap.verdict import Twins
 
 FAR = 0.1  # change of the leading strength by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
-TWIN = 0.01  # of evidence, so that of two that are the same the one that was simulated leads
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
+TWIN = 0.01  # of evidence, so that of two that are the same the one that was simulated leads
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,7 @@ def screen(
 ) -> Screened:
     """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known."""
     φ = smooth_modes(model.subject.cloth, MODES)
-    noise = data.noise
-    base = refit(jobs(model, data, φ), noise=noise, iterations=iterations, run=run, tell=tell)
+    base = refit(jobs(model, data, φ), noise=data.noise, iterations=iterations, run=run, tell=tell)
     followed = [e.prediction.complete for e in base.evidence]
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
     coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
@@ -70,7 +69,7 @@ def screen(
     suspicious = base.model.joined(effects, {})
     plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offset=_known(o, x)) for job, o, x in zip(plain, offsets, coarse, strict=True)]))
-    prior = estimated_prior(evidence, noise)
+    prior = estimated_prior(evidence, data.noise)
     compared = compress(evidence, prior, effects, mesh_doubt(base.model, data, contact_doubt))
     return Screened(base, evidence, prior, compared, tuple(ranked(compared)))
 

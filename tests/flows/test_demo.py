@@ -128,8 +128,6 @@ def test_the_demo_of_full_size_against_its_truth(tmp_path):
         assert bending is None or 1 / 3 < bending < 3  # None: the mesh is too coarse to tell
     page = Path(ended["report"]).read_text()
     assert all(name in page for name in scores)
-    start = time.monotonic()
     again = run(tmp_path, *demo())
     assert {entry["state"] for entry in again["stages"].values()} == {"cached"}
     assert again["scores"] == ended["scores"]
-    assert time.monotonic() - start < 120  # 25 s on an idle machine, see the README

@@ -36,13 +36,14 @@ def make(question: Question, *, attempts: int = 5) -> Made:
     for attempt in range(attempts):
         q = drawn(question, attempt) if attempt else question
         try:
-            return _make(q, np.random.default_rng([*question.seed, attempt, 1]))
+            return make_once(q, np.random.default_rng([*question.seed, attempt, 1]))
         except ArithmeticError as error:
             reasons.append(f"{q.kind}: {error}")
     raise Unmakeable(f"case {question.number} {sorted(question.causes)}: {'; '.join(reasons)}")
 
 
-def _make(q: Question, rng: np.random.Generator) -> Made:
+def make_once(q: Question, rng: np.random.Generator) -> Made:
+    """The case from one draw. Raises ArithmeticError where its scene cannot be simulated, Unmakeable where it cannot show its causes."""
     subject = drawn_subject(q, rng)
     base = subject.conditions(subject.garment.fine)
     stepper = Stepper(subject.world(base, 0))
