@@ -31,6 +31,11 @@ class Correlation:
         d = np.sqrt(3) * cdist(rest, rest) / self.length
         return self.share * (1 + d) * np.exp(-d) + (1 - self.share) * np.eye(len(rest))
 
+    def sample(self, rest: Array, σ: Array, rng: np.random.Generator) -> Array:
+        """Errors [T, V, 3] m of standard deviations σ [T, V] m."""
+        white = rng.standard_normal((*σ.shape, 3))
+        return σ[..., None] * (np.linalg.cholesky(self.between(rest)) @ white if self.share else white)
+
 
 INDEPENDENT = Correlation(0.0, 1.0)
 CANDIDATES = (INDEPENDENT, *(Correlation(ρ, ℓ) for ρ, ℓ in product((0.25, 0.5, 0.8), (0.03, 0.06, 0.12))))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.gap.acceleration import effect_acceleration, nameless_acceleration
@@ -19,6 +19,7 @@ from tasks.gap.confusability import Confusability, confusability
 from tasks.gap.constancy import Constancy, by_speed, by_window, by_zone, speeds
 from tasks.gap.diagnosis import Diagnosis
 from tasks.gap.hypotheses import Fitted
+from tasks.gap.library_doubt import linear_rest
 from tasks.gap.residual import rms_mm, weft_direction, where
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.spectrum import Spectrum, spectrum
@@ -103,13 +104,6 @@ def _constancy(s: Screened, named: Fitted, speed: Array, zone: NDArray[np.str_])
     return {"window": by_window(s.windows, named), "speed": by_speed(s.windows, named, speed), "zone": by_zone(s.evidence, named, zone)}
 
 
-def linear_rest(e: Evidence, named: Fitted) -> Array:
-    """What the named effects at their strengths and the base's corrections leave of a training window's residual [L, V, 3] m."""
-    columns = e.prediction.columns
-    steps = {**dict(zip(PARAMETERS, named.base, strict=True)), **named.strengths}
-    return e.residual - sum(x * columns[c] for c, x in steps.items())
-
-
 def _splits(found: Diagnosis, s: Screened, named: Fitted | None) -> tuple[Splits, ...]:
     done = [e for e in s.evidence if e.prediction.complete]
     before = np.concatenate([e.residual for e in done])
@@ -156,6 +150,12 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
                 for w in a.stretches
             ],
             "spectra": {"before": a.before and asdict(a.before), "after": a.after and asdict(a.after)},
+            "replayed": found.replayed
+            and {
+                "gap_mm": 1e3 * found.replayed.gap**0.5,
+                "floor_mm": 1e3 * found.replayed.floor**0.5,
+                "log_bayes_factor": found.replayed.something_missing,
+            },
             "evidence": [
                 {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights]} for h in (*a.singles, *a.pairs)
             ],

@@ -5,7 +5,7 @@
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,26 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.numerics import size
-from tasks.cloth.shooting import Evidence, Map, follow, without_state
+from tasks.cloth.shooting import Evidence, Map, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confusability import confusability
-from tasks.gap.feigned import numerics_forcing
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
 from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
+from tasks.gap.library_doubt import unexplained
 from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, corrected_model, moved_on, refitted, searched
+from tasks.gap.replay import Replayed, base_replays, mean, replayed_by
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.verdict import Candidate, Verdict, judge, twins, withdrawn
 
 Array = NDArray[np.float64]
 
-NUMERICS = 1.5  # forcing that the discretisation may leave, in squares of what the finer re-run looks like
-TOLERATED = 0.4  # [m/s²] of forcing that proves nothing: a twenty-fifth of gravity
-SHARPNESS = 1.5  # of the doubt that the library holds the cause
 LEADERS = 3  # hypotheses that are refitted with the simulator
 
 
@@ -41,7 +39,8 @@ class Diagnosis:
     """The answer and what it rests on.
 
     before, after [n, V, 3] m: residuals of the windows' frames, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
-    first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one.
+    first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one;
+    replayed: the base over whole recordings.
     """
 
     verdict: Verdict
@@ -56,6 +55,17 @@ class Diagnosis:
     named: Model
     screened: Screened | None
     pairs: tuple[Fitted, ...] = ()
+    replayed: Replayed | None = None
+
+
+@dataclass(frozen=True)
+class _Decided:
+    """The verdict after the leading hypotheses were simulated, the named one as simulated last, the pairs that were weighed, the base's replays."""
+
+    verdict: Verdict
+    named: Refitted
+    pairs: tuple[Fitted, ...]
+    replayed: Replayed
 
 
 def diagnose(
@@ -87,16 +97,16 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    verdict, named, pairs = _decided(screened, train, effects, quick, run, tell)
+    decided = _decided(screened, train, effects, quick, run, tell)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
-    return replace(_concluded(screened, verdict, named, train, kept, run), pairs=pairs)
+    found = _concluded(screened, decided.verdict, decided.named, train, kept, run)
+    return replace(found, pairs=decided.pairs, replayed=decided.replayed)
 
 
 def _decided(
     screened: Screened, train: Gathered, effects: Sequence[Effect], quick: bool, run: Map, tell: Callable[[str], None]
-) -> tuple[Verdict, Refitted, tuple[Fitted, ...]]:
-    """The verdict after the leading hypotheses were simulated, the named one as simulated last, and the pairs that were weighed."""
+) -> _Decided:
     cosines = confusability(screened.windows, screened.windows.effects)
     alike = twins(cosines)
     seen = by_contact(screened, train, effects, alike)
@@ -108,14 +118,28 @@ def _decided(
         after[leader.name] = _told(screened, train, leader, effects, run, tell)
         singles = as_simulated(screened.hypotheses, after, alike)
     pairs = searched(after[leader.name]) if leader.name in after else ()
-    verdict = judge(singles, pairs, unexplained=unexplained(screened, [*singles, *pairs]), cosines=cosines)
+    replayed, doubt = _replayed(screened, train, (*singles, *pairs), after, run, tell)
+    verdict = judge(singles, pairs, unexplained=doubt, missing=replayed.something_missing, cosines=cosines)
     if verdict.named is None:
-        return verdict, Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows), pairs
+        base = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
+        return _Decided(verdict, base, pairs, replayed)
     name = verdict.named.name
     if name not in after:
         start = after[leader.name].model if leader.name in after and len(verdict.named.effects) == 2 else None
         after[name] = _told(screened, train, verdict.named, effects, run, tell, start=start)
-    return replace(verdict, named=after[name].hypothesis), after[name], pairs
+    return _Decided(replace(verdict, named=after[name].hypothesis), after[name], pairs, replayed)
+
+
+def _replayed(
+    screened: Screened, train: Gathered, hypotheses: Sequence[Fitted], after: Mapping[str, Refitted], run: Map, tell: Callable[[str], None]
+) -> tuple[Replayed, float]:
+    """The base over whole recordings, and the doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
+    tell("replays")
+    base = base_replays(screened.base.model, train, run)
+    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence)
+    simulated = next((after[e.name] for e in best.effects[:1] if e.name in after), None)
+    left = base if simulated is None else replayed_by(corrected_model(simulated), base, train, run)
+    return mean(base), unexplained(screened, best, simulated, _floor_mm(screened, train), mean(left).ratio2)
 
 
 def _told(
@@ -132,15 +156,6 @@ def _told(
     return refitted(screened, data, hypothesis, effects, start=start, run=run)
 
 
-def unexplained(screened: Screened, hypotheses: Sequence[Fitted]) -> float:
-    """Doubt in 0..1 that the library holds the cause: odds (σ_a²/k²)^`SHARPNESS` of the forcing σ_a [m/s²] that the best hypothesis leaves nameless against
-    what is known to be there, k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²."""
-    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence)
-    known = numerics_forcing([without_state(e.normals, screened.prior) for e in screened.evidence])
-    odds = (best.forcing**2 / (NUMERICS * known**2 + TOLERATED**2)) ** SHARPNESS
-    return float(odds / (1 + odds))
-
-
 def _untestable(data: Gathered, train: Gathered) -> str:
     stuck = [f"recording {k}: {s.ending}" for k, s in enumerate(data.states) if len(s.x) < len(data.recordings[k])]
     if len(train.windows) < FEWEST_WINDOWS:
@@ -151,17 +166,16 @@ def _untestable(data: Gathered, train: Gathered) -> str:
 def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Gathered, kept: Gathered | None, run: Map) -> Diagnosis:
     base, prior = screened.base, screened.base.prior
     held = kept is not None and bool(kept.windows)
-    floor = 1e3 * np.sqrt(3 * np.mean([np.mean(r.noise**2) for r in train.recordings]) + np.mean([size(e) ** 2 for e in screened.evidence]))
     before, after = list(screened.evidence), list(named.evidence)
     if held:
         φ = smooth_modes(base.model.subject.cloth, MODES)
-        before = list(run(follow, jobs(base.model, kept, φ, prior=prior)))
+        before = list(run(follow_corrected, jobs(base.model, kept, φ, prior=prior)))
         if verdict.named is None:
             after = before
         else:
             final = corrected_model(named)
-            after = list(run(follow, jobs(final, restarted(final, kept, run), φ, prior=prior)))
-    gap = shrinkage(before, after, floor_mm=float(floor), held_out=held)
+            after = list(run(follow_corrected, jobs(final, restarted(final, kept, run), φ, prior=prior)))
+    gap = shrinkage(before, after, floor_mm=_floor_mm(screened, train), held_out=held)
     if verdict.named is not None and held and not gap.shrinks:
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
         verdict, after, gap = withdrawn(verdict, reason), before, unchanged(gap)
@@ -182,6 +196,12 @@ def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
         ratio = value / fabric.density
         found[name] = {"value": ratio, "low": ratio * np.exp(-1.645 * s), "high": ratio * np.exp(1.645 * s), "unit": "m3/kg"}
     return found
+
+
+def _floor_mm(screened: Screened, train: Gathered) -> float:
+    """√E_floor of noise and finer re-run."""
+    noise = 3 * np.mean([np.mean(r.noise**2) for r in train.recordings])
+    return float(1e3 * np.sqrt(noise + np.mean([size(e) ** 2 for e in screened.evidence])))
 
 
 def _by_frame(evidence: Sequence[Evidence], train: Gathered) -> Array:

@@ -43,6 +43,7 @@ NOISE_DOUBT = 0.1  # share of the stated noise variance that may be wrong: misfi
 NOWHERE: Mapping[str, float] = MappingProxyType({})
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 FORCING = (0.0, *(float(a) for a in np.geomspace(0.03, 10.0, 11)))  # candidates for σ_a [m/s²]
+FORM = 0.1  # relative standard deviation of a strength between implementations of its law: drag of faces or of vertices, angle or tangent of a hinge
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 
@@ -246,7 +247,8 @@ class Windows:
         p = len(PARAMETERS)
         strengths = dict(zip(names[p:], map(float, θ[p:]), strict=True))
         misfits = np.maximum(misfits - self.noise, 1e-3 * self.noise)
-        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:], misfits, weights, σ_a)
+        doubt = np.array([np.hypot(self.feigned.get(c, 0.0), FORM * value) for c, value in strengths.items()])
+        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:] + np.diag(doubt**2), misfits, weights, σ_a)
 
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.

@@ -1,13 +1,13 @@
 """From weighed hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
 
-Posterior weights beside 1 for "none": π_e exp(T E_e) of a single effect with evidence E_e, π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
-effect f makes with the leading one. The temper T < 1 says how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
+Posterior weights beside 1 for "none": B π_e exp(T E_e) of a single effect with evidence E_e, B π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
+effect f makes with the leading one; B says what whole recordings, replayed, make of it that anything is missing (`replay.py`). The temper T < 1 says
+how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
 effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER`
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
 apart. Those within as much of the second one form the second's.
 
-"Outside the library" takes the place of "none" by the doubt that forcing without a name leaves where it is larger than what discretisation makes
-(`diagnosis.unexplained`).
+"Outside the library" takes the place of "none", times B, by the doubt that the best hypothesis leaves (`library_doubt.py`).
 
 Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
 are chosen on open cases (README).
@@ -68,16 +68,23 @@ class Verdict:
         return names
 
 
-def judge(singles: Sequence[Fitted], pairs: Sequence[Fitted] = (), *, unexplained: float, cosines: Confusability | None = None) -> Verdict:
+def judge(
+    singles: Sequence[Fitted],
+    pairs: Sequence[Fitted] = (),
+    *,
+    unexplained: float,
+    missing: float = 0.0,
+    cosines: Confusability | None = None,
+) -> Verdict:
     """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that anything
-    in the library is the cause; cosines: of the signatures of the effects weighed."""
+    in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed."""
     ranked = sorted(singles, key=lambda h: -h.evidence)
-    prior = np.log(SINGLE / len(ranked))
+    prior = np.log(SINGLE / len(ranked)) + missing
     weight = [float(np.exp(prior + TEMPER * max(h.evidence, -EXCLUDED))) for h in ranked]
     seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
     doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
     named = sum(weight) + sum(doubled[:1])
-    none, outside = 1.0 - unexplained, unexplained * (1.0 + BESIDE * named)
+    none, outside = 1.0 - unexplained, unexplained * (np.exp(missing) + BESIDE * named)
     total = none + outside + named
     candidates = [Candidate(("none",), none / total), Candidate(("outside_library",), outside / total)]
     alike = twins(cosines)

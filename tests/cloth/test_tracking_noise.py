@@ -11,12 +11,6 @@ from tasks.cloth.windows import windows
 from tests.cloth.test_windows import FPS, swung
 
 
-def shared(rest, frames, σ, correlation, rng):
-    """Errors [T, V, 3] m of a tracker whose neighbours err together."""
-    root = np.linalg.cholesky(correlation.between(rest) + 1e-9 * np.eye(len(rest)))
-    return σ * np.einsum("ij,tjc->tic", root, rng.standard_normal((frames, len(rest), 3)))
-
-
 @pytest.mark.parametrize("correlation", [INDEPENDENT, Correlation(0.6, 0.1)])
 def test_whitening_is_the_dense_covariance(correlation):
     rng = np.random.default_rng(0)
@@ -39,7 +33,7 @@ def test_whitening_is_the_dense_covariance(correlation):
 def test_the_correlation_of_a_twin_is_found(true):
     model, recording, x, v = swung(25)
     noise, rest = 1e-3, model.subject.cloth.x_rest
-    observed = x + shared(rest, len(x), noise, true, np.random.default_rng(1))
+    observed = x + true.sample(rest, np.full(x.shape[:2], noise), np.random.default_rng(1))
     seen = recording.__class__(recording.collider, recording.motion, observed, np.full(x.shape[:2], noise))
     φ = smooth_modes(model.subject.cloth, 10)
     todo = [Job(model, seen, w, States(x, v, "converged"), φ) for w in windows([seen], FPS)[::2]]

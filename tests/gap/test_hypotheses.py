@@ -10,7 +10,7 @@ from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
-from tasks.gap.hypotheses import Windows, log_averaged
+from tasks.gap.hypotheses import FORM, Windows, log_averaged
 from tasks.gap.verdict import judge, withdrawn
 
 LIBRARY = library()
@@ -59,12 +59,21 @@ def test_the_numerics_column_is_taken_at_one_and_uncertain_by_one():
     assert m.c == pytest.approx((r - D) @ np.linalg.solve(C, r - D))
 
 
+def test_intervals_know_what_the_mesh_feigns_and_that_laws_have_several_forms():
+    w = windows(np.random.default_rng(2), truth={"air_normal_drag": 6.0})
+    doubted = Windows(w.given, EFFECTS, feigned={"air_normal_drag": 1.5})
+    own, more = (v.fit([EFFECTS[0]]) for v in (w, doubted))
+    θ = own.strengths["air_normal_drag"]
+    assert more.covariance[0, 0] - own.covariance[0, 0] == pytest.approx(1.5**2)
+    assert own.covariance[0, 0] >= (FORM * θ) ** 2
+
+
 def test_strengths_are_recovered_within_their_intervals():
     w = windows(np.random.default_rng(2), truth={"air_normal_drag": 6.0, "log_membrane": 0.2})
     h = w.fit([EFFECTS[0]])
     assert h.strengths["air_normal_drag"] == pytest.approx(6.0, abs=4 * np.sqrt(h.covariance[0, 0]))
     assert h.base[0] == pytest.approx(0.2, abs=0.1)
-    assert np.sqrt(h.covariance[0, 0]) < 0.5
+    assert np.sqrt(h.covariance[0, 0] - (FORM * h.strengths["air_normal_drag"]) ** 2) < 0.5
 
 
 def test_misfits_are_of_windows_that_the_strengths_were_not_fitted_on():

@@ -1,0 +1,52 @@
+"""The doubt that the library holds the cause: small where a gap is at its floor, large where the best hypothesis leaves one above it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.shooting import Evidence, Prior
+from tasks.cloth.windows import Prediction, Window
+from tasks.gap.library_doubt import gap_left, unexplained
+from tests.gap.synthetic import EFFECTS, NAMES, normals, windows
+
+FLOOR_MM = 2.0
+
+
+def followed(residual, columns):
+    """Evidence of a window of residual [L, V, 3] m and columns name -> [L, V, 3]."""
+    whole = {name: np.zeros_like(residual) for name in NAMES} | columns
+    plain = normals(np.zeros((2, len(NAMES))), np.zeros(2))
+    return Evidence(Prediction(Window(0, 0, 4), np.zeros((5, 3, 3)), whole, "converged", 1), plain, residual)
+
+
+@pytest.fixture
+def damped():
+    """Windows that ask for mass damping of one typical strength, and the field that one unit of it moves."""
+    w = windows(np.random.default_rng(0), lambda k: {"fabric_mass_damping": 3.0})
+    found = w.fit([next(e for e in EFFECTS if e.name == "fabric_mass_damping")])
+    return w, found, np.random.default_rng(1).standard_normal((4, 3, 3))
+
+
+def doubt(w, found, residual, column, replayed=0.5):
+    evidence = [followed(residual, {"fabric_mass_damping": column})]
+    screened = SimpleNamespace(windows=w, evidence=evidence, prior=Prior(1e-3, 0.1))
+    return unexplained(screened, found, None, FLOOR_MM, replayed)
+
+
+def test_what_a_hypothesis_explains_is_not_left(damped):
+    _, found, field = damped
+    θ = found.strengths["fabric_mass_damping"]
+    own = followed(1e-2 * field, {"fabric_mass_damping": 1e-2 * field / θ})
+    assert gap_left([own], found) < 1e-6
+    half = gap_left([own], found, {"fabric_mass_damping": 0.5 * θ})
+    assert half == pytest.approx(0.5 * 1e3 * np.sqrt(np.mean(np.sum((1e-2 * field) ** 2, -1))), rel=1e-6)
+
+
+def test_a_gap_that_nothing_explains_is_laid_at_no_door_of_the_library(damped):
+    w, found, field = damped
+    wide = 1e-2 * field  # 17 mm
+    assert doubt(w, found, wide, 0 * field) > 0.9
+    assert doubt(w, found, wide, wide / found.strengths["fabric_mass_damping"]) < 0.1
+    assert doubt(w, found, 1e-3 * field, 0 * field) < 0.35  # at the floor
+    assert doubt(w, found, 1e-3 * field, 0 * field, replayed=16.0) > 0.85
