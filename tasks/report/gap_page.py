@@ -8,6 +8,7 @@ import numpy as np
 from tasks.gap.account import Account, Splits
 from tasks.gap.confusability import SHOWN
 from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.replay import Replayed
 from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
 from tasks.report.page import Figure, Section, Table, page
@@ -16,7 +17,7 @@ from tasks.report.pictures import figure_uri
 
 def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: str, subtitle: str, own: bool = True) -> str:
     """HTML of the public answer, the diagnosis and its account; own: what was held out are ends of the same recordings, not files."""
-    sections = [_verdict(answer)]
+    sections = [_verdict(answer, found.replayed)]
     if told.items:
         sections += [
             _budget(told),
@@ -35,7 +36,7 @@ def _plot(canvas: Any, caption: str) -> Figure:
     return Figure(figure_uri(canvas), caption, plot=True)
 
 
-def _verdict(answer: dict[str, Any]) -> Section:
+def _verdict(answer: dict[str, Any], replayed: Replayed | None) -> Section:
     gap, v = answer["gap"], answer["verdict"]
     rows = [
         ["verdict", v["kind"].replace("_", " ")],
@@ -47,6 +48,12 @@ def _verdict(answer: dict[str, Any]) -> Section:
         ["closed of what can be closed", _interval(gap["closed_fraction"], gap["low"], gap["high"])],
         ["measured on", "motion kept out of the fit" if gap["held_out"] else "the training windows"],
     ]
+    if replayed is not None and np.isfinite(replayed.ratio2):
+        rows += [
+            ["base model replayed over whole recordings: gap [mm]", 1e3 * replayed.gap**0.5],
+            ["floor of that: a finer replay, another start, noise [mm]", 1e3 * replayed.floor**0.5],
+            ["log Bayes factor from there that anything is missing", replayed.something_missing],
+        ]
     strengths = [
         [name, s["value"], s["low"], s["high"], s["unit"], row["probability"]]
         for row in answer["ranking"][:6]
