@@ -7,10 +7,10 @@ import numpy as np
 
 from flows.endings import Refused
 from storage_schemas.appearance import Appearance
-from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
 from storage_schemas.record import Record
+from storage_schemas.registration import Registration
 from storage_schemas.skinning import Skinning
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
@@ -43,7 +43,7 @@ class Avatar:
 
     def motion(self) -> tuple[np.ndarray, Tracking, Cloth]:
         """The surface with simulated garments and skinned body [T, V, 3] m, over the simulated frames."""
-        tracking, cloth, skinning, body = (self.open(s) for s in (Tracking, Cloth, Skinning, Body))
+        tracking, cloth, skinning, body = (self.open(s) for s in (Tracking, Cloth, Skinning, Registration))
         frames = len(cloth.simulated)
         x = repose(skinning.rest_vertices.astype(float), skinning.weights.astype(float), body.transforms[:frames].astype(float))
         x[:, cloth.vertices_index] = cloth.simulated
@@ -66,7 +66,7 @@ def _texture(avatar: Avatar) -> np.ndarray:
 
 
 def _glb(avatar: Avatar, folder: Path) -> list[Path]:
-    body, skinning, tracking, cloth = (avatar.open(s) for s in (Body, Skinning, Tracking, Cloth))
+    body, skinning, tracking, cloth = (avatar.open(s) for s in (Registration, Skinning, Tracking, Cloth))
     T = body.transforms[0].astype(float)
     at_rest = np.linalg.solve(T, np.concatenate([body.joints[0].astype(float), np.ones((55, 1))], 1)[..., None])[:, :3, 0]
     garments = [
@@ -89,7 +89,7 @@ def _glb(avatar: Avatar, folder: Path) -> list[Path]:
 
 def _npz(avatar: Avatar, folder: Path) -> list[Path]:
     """The tracked garments in the interchange format that `physavatar gap` reads."""
-    tracking, body, cloth, capture = (avatar.open(s) for s in (Tracking, Body, Cloth, Capture))
+    tracking, body, cloth, capture = (avatar.open(s) for s in (Tracking, Registration, Cloth, Capture))
     frames, own = len(cloth.simulated), cloth.vertices_index
     more = {
         "collider_vertices": body.vertices[:frames],

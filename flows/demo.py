@@ -13,6 +13,7 @@ from storage_schemas.body import Body
 from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
 from storage_schemas.reference import ArtifactRef
+from storage_schemas.registration import Registration
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
 from tasks.exam.scorer.demo import demo_scores
@@ -21,7 +22,7 @@ from tasks.stage import Parameters
 DEMO, SEQUENCE = "demo", "Sequence1"
 PLANTED = "air_normal_drag"  # the garments move in air, which the base model lacks
 TRUTH = "demo.truth"  # the ending closes it to every stage
-COMPARED = ("body", "tracking", "cloth", "appearance", "gap")
+COMPARED = ("body", "tracking", "registration", "cloth", "appearance", "gap")
 
 
 class DemoParameters(Parameters):
@@ -56,11 +57,13 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
         return None
     truth = {name: dict(np.load(data / TRUTH / DEMO / SEQUENCE / f"{name}.npz", allow_pickle=False)) for name in ("body", "template")}
     body, tracking = store.open(artifacts["body"], Body), store.open(artifacts["tracking"], Tracking)
+    registered = store.open(artifacts["registration"], Registration)
     cloth, appearance = store.open(artifacts["cloth"], Cloth), store.open(artifacts["appearance"], Appearance)
     of = {name: _vertices_of(tracking, name) for name in cloth.garment_names}
     fabrics = {name: dict(np.load(data / TRUTH / DEMO / SEQUENCE / f"{name}.npz", allow_pickle=False)) for name in cloth.garment_names}
     return demo_scores(
-        joints=(body.joints, truth["body"]["joints"]),
+        joints=(registered.joints, truth["body"]["joints"]),
+        keypoint_joints=body.joints,
         vertices=(tracking.vertices, truth["template"]["vertices"]),
         garment=of,
         fabric=cloth.parameters,

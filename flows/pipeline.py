@@ -7,6 +7,7 @@ from tasks.capture.stage import capture
 from tasks.cloth.stage import cloth
 from tasks.gap.stage import gap
 from tasks.keypoints.stage import keypoints
+from tasks.registration.stage import registration
 from tasks.report.stage import report
 from tasks.skinning.stage import skinning
 from tasks.tracking.stage import tracking
@@ -18,13 +19,16 @@ def pipeline(run: Run) -> None:
     points = run(keypoints, capture=recording)
     person = run(body, capture=recording, keypoints=points)
     surface = run(tracking, capture=recording, body=person)
-    skin = run(skinning, body=person, tracking=surface)
-    garments = run(cloth, capture=recording, body=person, tracking=surface, skinning=skin)
-    run(appearance, capture=recording, body=person, tracking=surface)
-    run(gap, capture=recording, tracking=surface, body=person, cloth=garments)
+    inside = run(registration, capture=recording, keypoints=points, body=person, tracking=surface)
+    skin = run(skinning, body=inside, tracking=surface)
+    garments = run(cloth, capture=recording, body=inside, tracking=surface, skinning=skin)
+    run(appearance, capture=recording, body=inside, tracking=surface)
+    run(gap, capture=recording, tracking=surface, body=inside, cloth=garments)
 
 
 AVATAR = Line(
-    {s.name: s for s in (capture, keypoints, body, tracking, skinning, cloth, appearance, gap, report)}, pipeline, closing="report"
+    {s.name: s for s in (capture, keypoints, body, tracking, registration, skinning, cloth, appearance, gap, report)},
+    pipeline,
+    closing="report",
 )
 STAGES = AVATAR.stages

@@ -9,10 +9,11 @@ from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
 from storage_schemas.keypoints import Keypoints
 from storage_schemas.record import Record
+from storage_schemas.registration import Registration
 from storage_schemas.report import Report
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 
 SCHEMAS: dict[str, type[Record]] = {
-    schema.schema_name: schema for schema in (Capture, Keypoints, Body, Tracking, Skinning, Cloth, Appearance, Gap, Report)
+    schema.schema_name: schema for schema in (Capture, Keypoints, Body, Tracking, Registration, Skinning, Cloth, Appearance, Gap, Report)
 }

@@ -32,6 +32,7 @@ from tasks.geometry.faults import BadInput
 from tasks.shared_map import Map, SharedMap, Superseded
 
 LEASE_S = 60.0
+PARTS = "parts"  # below a checkpoint: results of items that were mapped
 SHARED, START = "shared", "start"  # below a checkpoint: what helpers take part in, and the checkpoint as the computation found it
 SEALED = ".truth"  # a folder whose name ends so is closed to every stage
 
@@ -67,8 +68,11 @@ class Job:
     shared: Path | None = None
 
     def spread(self, here: Map, at_once: int) -> Map:
-        """`here`, which computes `at_once` items side by side on this machine; shared with the helpers of this run, if it has any."""
-        return here if self.shared is None else SharedMap(self.shared, here, at_once)
+        """`here`, which computes `at_once` items side by side on this machine. Results are kept until the stage is done: a run that was killed
+        goes on from them, and the helpers of this run, if it has any, find them."""
+        folder = self.shared or self.checkpoint / PARTS
+        folder.mkdir(exist_ok=True)
+        return SharedMap(folder, here, at_once)
 
 
 @dataclass(frozen=True)

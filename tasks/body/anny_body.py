@@ -32,6 +32,11 @@ LITTLE_TOE_OUT = 0.12  # [rad]; the template's little toe runs into the fourth
 FINGER_NUMBER = {"thumb": 1, "index": 2, "middle": 3, "ring": 4, "pinky": 5}
 
 
+def demo_body() -> Path:
+    """The licence-free body, built on first use into the cache (PHYSAVATAR_CACHE, default ~/.cache/physavatar)."""
+    return build_demo_body(Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser())
+
+
 def build_demo_body(cache_dir: Path | str) -> Path:
     """Path of the demo body's .npz in `cache_dir`, built at the first call (offline) and kept for later ones.
 

@@ -126,13 +126,18 @@ def _motion(model: BodyModel, objective: Objective, cameras: Cameras, keypoints:
     translation = np.array([minimum.z[:3] for minimum in minima])
     posed = [model.pose(shape, *frame) for frame in zip(expression, pose, translation, strict=True)]  # all at once would need gigabytes
     vertices, joints, transforms = (np.array([getattr(frame, name) for frame in posed]) for name in ("vertices", "joints", "transforms"))
-    uv = np.moveaxis(project(cameras, keypoints133(model, vertices, joints))[0], 0, 1)
     return BodyMotion(
         pose, shape, expression, translation, 1.0, vertices, joints, transforms,
-        reprojection_px=np.linalg.norm(uv - keypoints, axis=-1),
+        reprojection_px=reprojected(model, cameras, keypoints, vertices, joints),
         converged=np.array([minimum.converged for minimum in minima]),
         ending=_ending(minima),
     )  # fmt: skip
+
+
+def reprojected(model: BodyModel, cameras: Cameras, keypoints: Array, vertices: Array, joints: Array) -> Array:
+    """Distance [frame, camera, 133] px of the body's keypoints from detected ones [frame, camera, 133, 2] px, NaN where there is none."""
+    uv = np.moveaxis(project(cameras, keypoints133(model, vertices, joints))[0], 0, 1)
+    return np.linalg.norm(uv - keypoints, axis=-1)
 
 
 def _ending(minima: list[Minimum]) -> str:

@@ -95,22 +95,30 @@ class PosedKeypoints:
 def keypoint_body(model: BodyModel) -> KeypointBody:
     """The 133 keypoints of a model."""
     place = placement(model)
+    body = surface_points(model, place.vertices, place.barycentric)
+    for q in np.flatnonzero(place.joint >= 0):  # a joint is a point carried by its own bone
+        j = place.joint[q]
+        body.zeroth[q], body.first[q], body.first_by_shape[q] = 0, 0, 0
+        body.zeroth[q, j], body.first[q, j], body.first_by_shape[q, j] = 1, body.joints[j], body.joints_by_shape[j]
+        if body.correctives is not None:
+            body.correctives[q] = 0
+    return body
+
+
+def surface_points(model: BodyModel, vertices: NDArray[np.int64], barycentric: Array) -> KeypointBody:
+    """Points of the surface: corners [q, 3] of their faces and barycentric [q, 3]."""
     directions = np.concatenate([model.shape_directions, model.expression_directions], axis=2)
     joints = model.joint_regressor @ model.template
     joints_by_shape = (model.joint_regressor @ directions.reshape(len(directions), -1)).reshape(JOINTS, 3, -1)
-    share = place.barycentric[..., None] * model.weights[place.vertices]  # [q, corner, bone]
-    first = np.einsum("qck,qca->qka", share, model.template[place.vertices])
-    first_by_shape = np.einsum("qck,qcas->qkas", share, directions[place.vertices], optimize=True)
-    zeroth, correctives = share.sum(axis=1), None
+    share = barycentric[..., None] * model.weights[vertices]  # [q, corner, bone]
+    first = np.einsum("qck,qca->qka", share, model.template[vertices])
+    first_by_shape = np.einsum("qck,qcas->qkas", share, directions[vertices], optimize=True)
+    correctives = None
     if model.pose_directions is not None:
-        correctives = np.einsum("qck,qcap->qkap", share, model.pose_directions[place.vertices], optimize=True)
-    for q in np.flatnonzero(place.joint >= 0):  # a joint is a point carried by its own bone
-        j = place.joint[q]
-        zeroth[q], first[q], first_by_shape[q] = 0, 0, 0
-        zeroth[q, j], first[q, j], first_by_shape[q, j] = 1, joints[j], joints_by_shape[j]
-        if correctives is not None:
-            correctives[q] = 0
-    return KeypointBody(first, first_by_shape, zeroth, joints, joints_by_shape, correctives, model.parents, _below(model.parents))
+        correctives = np.einsum("qck,qcap->qkap", share, model.pose_directions[vertices], optimize=True)
+    return KeypointBody(
+        first, first_by_shape, share.sum(axis=1), joints, joints_by_shape, correctives, model.parents, _below(model.parents)
+    )
 
 
 def left_jacobian(r: Array) -> Array:

@@ -1,9 +1,10 @@
 """What the body fit minimises, as energy, gradient and curvature of the unknowns of one frame: equations 2-3 of the supplement.
 
-    L = Σ_q λ_q (N/C) Σ_c score d(e)  [reprojection.py]  +  Σ_i λ_i z_i²  (+ λ_β‖β‖² while the shape is free)
+    L = Σ_q λ_q (N/C) Σ_c score d(e)  [reprojection.py]  +  Σ_i λ_i (z_i − z̄_i)²  (+ λ_β‖β‖² while the shape is free)
     z = (translation 3, pelvis to wrists 66, left hand 12, right hand 12 [, jaw 3, expression E])
 
-`[…]` only when face points count. Equation 2 prints norms; squares are taken, as all of the SMPLify family do: the pull of a plain norm
+`[…]` only when face points count. z̄ = 0, the rest pose, unless a pose is already known. Other points of the body compared with something else than
+images take the place of the keypoints (`on_surface`). Equation 2 prints norms; squares are taken, as all of the SMPLify family do: the pull of a plain norm
 does not fade at rest and would hold hands exactly at their mean until the images gain more than λ_m.
 Limit: eyes do not turn.
 """
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.body.keypoint_body import KeypointBody, PosedKeypoints, keypoint_body
+from tasks.body.keypoint_body import KeypointBody, PosedKeypoints, keypoint_body, surface_points
 from tasks.body.model import JOINTS, Array, BodyModel
 from tasks.body.reprojection import Sight
 from tasks.body.skeleton import JOINT
@@ -48,7 +49,7 @@ class FitWeights:
 @dataclass(frozen=True)
 class Objective:
     """body: the keypoints that count, `used` [q] of 133 with `weight` [q]; rest [165] and basis [165,n−3−E] rad: pose = rest + basis z;
-    prior [n]: λ_i; shape_prior: λ_β; shapes: how many coefficients of β are free (0 once it is frozen)."""
+    prior [n]: λ_i; mean [n]: z̄; shape_prior: λ_β; shapes: how many coefficients of β are free (0 once it is frozen)."""
 
     body: KeypointBody
     used: NDArray[np.int64]
@@ -56,6 +57,7 @@ class Objective:
     rest: Array
     basis: Array
     prior: Array
+    mean: Array
     shape_prior: float
     shapes: int
 
@@ -77,7 +79,17 @@ class Objective:
         prior = [0.0] * 3 + pose_prior + face * ([weights.face_pose] * 3 + [weights.expression] * expressions)
         nothing = np.zeros(shapes + model.expression_directions.shape[2])
         body = keypoint_body(model).subset(used).shaped(nothing, slice(0, shapes + expressions))
-        return Objective(body, used, weight[used], rest, basis, np.array(prior), weights.shape, shapes)
+        return Objective(body, used, weight[used], rest, basis, np.array(prior), np.zeros(len(prior)), weights.shape, shapes)
+
+    def on_surface(self, model: BodyModel, vertices: NDArray[np.int64], barycentric: Array) -> "Objective":
+        """The same for points of the surface, corners [q, 3] and barycentric [q, 3], with a face at rest."""
+        nothing = np.zeros(self.shapes + model.expression_directions.shape[2])
+        points = surface_points(model, vertices, barycentric).shaped(nothing, slice(0, self.shapes))
+        return replace(self, body=points, used=np.arange(len(vertices)), weight=np.ones(len(vertices)))
+
+    def near(self, z: Array) -> "Objective":
+        """The same drawn to z̄ = z [n]."""
+        return replace(self, mean=z)
 
     def frozen(self, shape: Array) -> "Objective":
         """The same with the shape [S] built in."""
@@ -91,7 +103,7 @@ class Objective:
 
     def energy(self, sight: Sight, z: Array, shape: Array = NO_SHAPE) -> float:
         """L of one frame's unknowns z [n] and the free shape [S] (empty once frozen)."""
-        return sight.energy(self._posed(z, shape).p) + self.prior @ z**2 + self.shape_prior * (shape @ shape)
+        return sight.energy(self._posed(z, shape).p) + self.prior @ (z - self.mean) ** 2 + self.shape_prior * (shape @ shape)
 
     def expand(self, sight: Sight, z: Array, shape: Array = NO_SHAPE) -> tuple[float, Array, Array]:
         """L, gradient [S+n] and curvature [S+n,S+n] with respect to (shape, z)."""
@@ -100,7 +112,7 @@ class Objective:
         by_shape, by_pose = posed.by_shape(), posed.by_pose() @ self.basis
         move = np.broadcast_to(np.eye(3), (len(posed.p), 3, 3))
         J = np.concatenate([by_shape[..., : self.shapes], move, by_pose, by_shape[..., self.shapes :]], axis=2)
-        λ, u = np.append(np.full(self.shapes, self.shape_prior), self.prior), np.append(shape, z)
+        λ, u = np.append(np.full(self.shapes, self.shape_prior), self.prior), np.append(shape, z - self.mean)
         n = J.shape[2]
         gradient = J.reshape(-1, n).T @ g.ravel() + 2 * λ * u
         curvature = J.reshape(-1, n).T @ (C @ J).reshape(-1, n) + 2 * np.diag(λ)
@@ -122,6 +134,12 @@ class Objective:
         """z [n] of a pose [55,3] and translation [3], with mean hands and a face at rest."""
         z = np.zeros(len(self.prior))
         z[:3], z[3 : 3 + 3 * BODY_JOINTS] = translation, pose[:BODY_JOINTS].ravel()
+        return z
+
+    def unknowns(self, pose: Array, translation: Array) -> Array:
+        """z [n] of a fitted pose [55, 3] rad and translation [3] m."""
+        z = np.zeros(len(self.prior))
+        z[:3], z[3 : 3 + self.basis.shape[1]] = translation, self.basis.T @ (pose.ravel() - self.rest)
         return z
 
     def short_way(self, z: Array) -> Array:

@@ -1,6 +1,5 @@
 """The door of body: the parametric body that explains the keypoints of all cameras and frames."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.keypoints import Keypoints
-from tasks.body.anny_body import build_demo_body
+from tasks.body.anny_body import demo_body
 from tasks.body.fit import FitWeights, fit_sequence
 from tasks.body.model import BodyModel
 from tasks.recorded import cameras_of
@@ -22,11 +21,6 @@ class BodyParameters(Parameters):
     body_weight: float = 1e-3
     hand_weight: float = 1e-3
     face_weight: float = 0.0
-
-
-def demo_body() -> Path:
-    """The licence-free body, built on first use into the cache (PHYSAVATAR_CACHE, default ~/.cache/physavatar)."""
-    return build_demo_body(Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser())
 
 
 @stage("body", version=1, pool="vision", timeout_s=4 * 3600)

@@ -1,4 +1,8 @@
-"""What a killed fit leaves behind and goes on from: which fabric came next, and the frames of the replay it was in."""
+"""What a killed fit leaves behind: where a search by differences stands, and the frames of the replay it was in.
+
+A fit that is begun again must end as if nobody had killed it, and a replay taken up at a frame does not: its integrator has lost its history. So a replay
+begins anew, unless the process has died in it `DEATHS` times: then the simulation is held to be the cause, and goes on from its last frame in smaller steps.
+"""
 
 import json
 from collections.abc import Sequence
@@ -12,16 +16,6 @@ from typing_extensions import override
 from tasks.cloth.adam_fd import Descent
 from tasks.cloth.scene import FrameMemory
 from tasks.simulator import Fabric, Frame
-
-
-def save_fabric(path: Path, fabric: Fabric) -> None:
-    """The fabric that a fit tries next, written aside and renamed."""
-    _write(path, json.dumps(asdict(fabric)).encode())
-
-
-def load_fabric(path: Path, otherwise: Fabric) -> Fabric:
-    """What was saved, or the other fabric."""
-    return Fabric(**json.loads(path.read_text())) if path.exists() else otherwise
 
 
 def save_descent(path: Path, descent: Descent) -> None:
@@ -38,11 +32,14 @@ def load_descent(path: Path, otherwise: Descent) -> Descent:
     return Descent(*(np.array(kept[name]) for name in ("θ", "first", "second", "best")), tuple(kept["history"]))
 
 
+DEATHS = 3
+
+
 class FrameFile(FrameMemory):
-    """Frames of one replay in one file, rewritten after every frame; recalled only for the very fabric they were simulated with."""
+    """Frames of one replay in one file, rewritten after every frame; recalled only for the very fabric they were simulated with, after `DEATHS`."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.deaths = path, 0
 
     @override
     def recall(self, fabric: Fabric) -> Sequence[Frame]:
@@ -52,7 +49,9 @@ class FrameFile(FrameMemory):
         except (FileNotFoundError, BadZipFile, ValueError, EOFError):
             return ()
         self.path.unlink()
-        if str(arrays["fabric"]) != _name(fabric):
+        same = str(arrays["fabric"]) == _name(fabric)
+        self.deaths = int(arrays["deaths"]) + 1 if same else 0
+        if self.deaths < DEATHS:
             return ()
         names = [str(n) for n in arrays["names"]]
         return [
@@ -78,6 +77,7 @@ class FrameFile(FrameMemory):
             np.savez(
                 file,
                 fabric=np.array(_name(fabric)),
+                deaths=np.array(self.deaths),
                 names=np.array(names, dtype=np.str_),
                 x=np.stack([f.x for f in frames]),
                 v=np.stack([f.v for f in frames]),
@@ -92,6 +92,7 @@ class FrameFile(FrameMemory):
     @override
     def forget(self) -> None:
         self.path.unlink(missing_ok=True)
+        self.deaths = 0
 
 
 def _name(fabric: Fabric) -> str:

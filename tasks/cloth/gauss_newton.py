@@ -216,5 +216,4 @@ def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:
         "rms_mm": rms_mm(scene, at),
         "kappa_s": fabric.membrane,
         "kappa_b": fabric.bending,
-        "seconds": at.seconds,
     }

@@ -1,5 +1,6 @@
 """The doors of cloth: garments of a recorded actor, or of anybody's tracked geometry. Fit each fabric, publish it and how it then moves."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any, Literal
@@ -7,15 +8,15 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth as ClothRecord
+from storage_schemas.registration import Registration
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.capture.tracked_geometry import read_tracked_geometry
 from tasks.child_process import Pool
 from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
-from tasks.cloth.checkpoints import FrameFile, load_descent, load_fabric, save_descent, save_fabric
+from tasks.cloth.checkpoints import FrameFile, load_descent, save_descent
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments
 from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
@@ -114,7 +115,9 @@ class Work:
 
 
 @stage("cloth", version=1, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
-def cloth(job: Job, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> ClothRecord:
+def cloth(
+    job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
+) -> ClothRecord:
     """Fit all garments of an actor, one after the other, each on both cores."""
     worn = _garments(tracking)
     if not worn:
@@ -152,7 +155,9 @@ def _garments(tracking: Tracking) -> list[Garment]:
     return garments(vertices, tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
 
 
-def _scene(garment: Garment, capture: Capture, body: Body, tracking: Tracking, skinning: Skinning, parameters: ClothParameters) -> Scene:
+def _scene(
+    garment: Garment, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
+) -> Scene:
     frames = slice(0, parameters.frames + 1)
     scene = worn_scene(
         replace(garment, observed=garment.observed[frames], seen=garment.seen[frames], noise_m=garment.noise_m[frames]),
@@ -192,17 +197,8 @@ def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]
 
 
 def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
-    """Gauss–Newton on windows; one that was interrupted goes on from the fabric it tried last."""
-    saved, memory = job.checkpoint / f"{work.name}.json", FrameFile(job.checkpoint / f"{work.name}.npz")
-    start = load_fabric(saved, work.fabric)
-    scene = started_well(work.scene, start)
-
-    def mapped(function: Any, jobs: Any) -> list[Any]:
-        jobs = list(jobs)
-        if jobs:
-            save_fabric(saved, jobs[0].model.subject.fabric)
-        return list(run(function, jobs))
-
+    """Gauss–Newton on windows; those that an interrupted run has finished are not followed again."""
+    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
     effects = _effects(parameters.effects, parameters.effects_folder)
     iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
     most = iterations * (2 if effects else 1) + 1
@@ -210,7 +206,7 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> F
     def tell(text: str) -> None:
         job.progress(next(rounds) / most, f"{work.name}: {text}")
 
-    found = fit_windows(scene, start, effects=effects, iterations=iterations, run=mapped, memory=memory, tell=tell)
+    found = fit_windows(scene, work.fabric, effects=effects, iterations=iterations, run=run, memory=memory, tell=tell)
     known = knowledge(scene, found, objective=Windowed.of(found, run), otherwise=work.otherwise, profiles=parameters.profiles)
     return scene, found, known
 
@@ -234,6 +230,11 @@ def _by_differences(job: Job, work: Work, parameters: FitParameters, run: Map) -
     return scene, found, knowledge(scene, found, profiles=parameters.profiles)
 
 
+def _untimed(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Without how long it took: the same input gives the same artifact, and what comes after knows an artifact by its content."""
+    return {name: value for name, value in row.items() if name != "seconds"}
+
+
 def _as_record(work: list[Work], fitted: list[Fitted], *, index: list[np.ndarray], said: tuple[str, ...] = ()) -> ClothRecord:
     counts = [len(i) for i in index]
     offset = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -249,7 +250,7 @@ def _as_record(work: list[Work], fitted: list[Fitted], *, index: list[np.ndarray
         faces=np.concatenate(faces).astype(np.int32),
         boundary=np.concatenate(boundary),
         parameters={w.name: estimates(scene, found, weighed=w.weighed) for w, (scene, found, _) in zip(work, fitted)},
-        loss_history={w.name: list(f.history) for w, f in zip(work, fits)},
+        loss_history={w.name: [_untimed(row) for row in f.history] for w, f in zip(work, fits)},
         timing={w.name: {"newton_iterations": f.replay.newton_iterations} for w, f in zip(work, fits)},
         endings=(*said, *(f"{w.name}: {line}" for w, f in zip(work, fits) for line in (f.ending, *f.reasons))),
         knowledge={w.name: known for w, (_, _, known) in zip(work, fitted)},

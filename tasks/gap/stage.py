@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
+from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
 from tasks.child_process import Pool
 from tasks.cloth.contact_sagitta import contact_sagitta
@@ -43,7 +43,7 @@ class GapParameters(Parameters):
 
 
 @stage("gap", version=1, pool="simulation", timeout_s=4 * 3600, spreads=True)
-def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, parameters: GapParameters) -> Gap:
+def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
     observed, simulated = tracking.vertices[frames][:, own].astype(float), cloth.simulated.astype(float)
@@ -76,7 +76,7 @@ def gap(job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth
 
 
 def _diagnosed(
-    job: Job, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
+    job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
 ) -> dict:
     """The answer on the largest garment, in the form that `physavatar gap run --json` prints; `garment` names it."""
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
@@ -100,7 +100,9 @@ def _diagnosed(
     return {"garment": garment.name, **told}
 
 
-def _subject(garment: Garment, capture: Capture, tracking: Tracking, body: Body, cloth: Cloth, zone: np.ndarray, parameters: GapParameters):
+def _subject(
+    garment: Garment, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
+):
     """The base model in the fabric that was fitted, and the recording of the garment."""
     settings = Settings(substeps=max(1, int(np.ceil(100 / capture.fps))), yield_collider=False)
     scene = worn_scene(

@@ -13,6 +13,7 @@ from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
 from storage_schemas.gap import Gap
 from storage_schemas.keypoints import Keypoints
+from storage_schemas.registration import Registration
 from storage_schemas.report import Report
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
@@ -42,6 +43,7 @@ def report(
     keypoints: Keypoints | None = None,
     body: Body | None = None,
     tracking: Tracking | None = None,
+    registration: Registration | None = None,
     skinning: Skinning | None = None,
     cloth: Cloth | None = None,
     appearance: Appearance | None = None,
@@ -54,7 +56,7 @@ def report(
         *([sections.cause_section(gap.verdict), _gap(view, cloth, gap, capture.fps)] if gap else []),
         *([sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings)] if cloth else []),
         *([_tracking(view, tracking)] if tracking else []),
-        *([_body(view, body, capture)] if body else []),
+        *([_body(view, registration or body, capture)] if body else []),
         *([_keypoints(view, keypoints, body)] if keypoints else []),
         *([_appearance(appearance, capture)] if appearance else []),
         sections.provenance_section(parameters.stages, capture.warnings),

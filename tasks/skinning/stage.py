@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from storage_schemas.body import Body
+from storage_schemas.registration import Registration
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.skinning.linear_blend import unpose
@@ -18,7 +18,7 @@ class SkinningParameters(Parameters):
 
 
 @stage("skinning", version=1, pool="tracking", timeout_s=3600)
-def skinning(job: Job, body: Body, tracking: Tracking, parameters: SkinningParameters) -> Skinning:
+def skinning(job: Job, body: Registration, tracking: Tracking, parameters: SkinningParameters) -> Skinning:
     """Transfer, inpaint, un-pose."""
     surface = tracking.vertices[0].astype(float)
     skin = transfer_weights(

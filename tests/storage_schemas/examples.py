@@ -13,6 +13,7 @@ from storage_schemas.key import artifact_key
 from storage_schemas.keypoints import Keypoints
 from storage_schemas.provenance import Provenance
 from storage_schemas.record import Record
+from storage_schemas.registration import Registration
 from storage_schemas.report import Report
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
@@ -129,4 +130,6 @@ def examples() -> dict[str, Record]:
         ),
         Report(files={"report.html": b"<p>gap 3 mm</p>", "plot.png": b"\x89PNG"}, summary={"before_mm": 3}),
     ]
+    fitted = next(record for record in records if type(record) is Body)
+    records.append(Registration(**{name: getattr(fitted, name) for name in Body.model_fields}, distance_m=np.full((T, 2), 1e-3, "float32")))
     return {record.schema_name: record for record in records}

@@ -28,6 +28,7 @@ def ratio(estimate: Mapping[str, Any], truth: float) -> float | None:
 def demo_scores(
     *,
     joints: tuple[Array, Array],
+    keypoint_joints: Array,
     vertices: tuple[Array, Array],
     garment: Mapping[str, NDArray[np.bool_]],
     fabric: Mapping[str, Mapping[str, Mapping[str, Any]]],
@@ -38,9 +39,14 @@ def demo_scores(
 ) -> dict[str, dict[str, Any]]:
     """All figures of the report's section on the truth; pairs are (found, truth), `garment` marks each garment's vertices [V].
 
+    keypoint_joints [frame, 55, 3] m: before registration.
+
     planted: the effect that the garments were made with and the base model lacks; verdict: the diagnosis' answer.
     """
-    scores = {"mean joint error": {"value": mean_joint_error_mm(*joints), "unit": "mm"}}
+    scores = {
+        "mean joint error": {"value": mean_joint_error_mm(*joints), "unit": "mm"},
+        "mean joint error before registration": {"value": mean_joint_error_mm(keypoint_joints, joints[1]), "unit": "mm"},
+    }
     for name, of in garment.items():
         scores[f"{name}: tracked vertices, rms error"] = {"value": vertex_rmse_mm(*vertices, of=of), "unit": "mm"}
     for name, found in fabric.items():

@@ -1,0 +1,1 @@
+"""The body registered to the skin that was tracked."""

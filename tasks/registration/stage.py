@@ -1,0 +1,66 @@
+"""The door of registration: the fitted body once more, on the skin that was tracked."""
+
+from pathlib import Path
+
+import numpy as np
+
+from storage_schemas.body import Body
+from storage_schemas.capture import Capture
+from storage_schemas.keypoints import Keypoints
+from storage_schemas.registration import Registration
+from storage_schemas.tracking import Tracking
+from tasks.body.anny_body import demo_body
+from tasks.body.fit import reprojected
+from tasks.body.model import BodyModel
+from tasks.geometry.faults import BadInput, Fault
+from tasks.recorded import cameras_of
+from tasks.registration.register import Pose, Skin, register
+from tasks.stage import Job, ModelFile, Parameters, content_digest, stage
+
+SKIN = "body"  # part of the tracked surface
+
+
+class RegistrationParameters(Parameters):
+    """model: the SMPL-X file that body was fitted with; the setting body.model is taken where none is given here."""
+
+    model: ModelFile = None
+
+
+@stage("registration", version=1, pool="tracking", timeout_s=4 * 3600)
+def registration(
+    job: Job, capture: Capture, keypoints: Keypoints, body: Body, tracking: Tracking, parameters: RegistrationParameters
+) -> Registration:
+    """Draw the body to the tracked skin."""
+    path = Path(parameters.model) if parameters.model else demo_body()
+    if content_digest(path) != body.model_sha256:
+        raise BadInput([Fault(str(path), f"the body was fitted with another model, {body.model}", "Set registration.model to that file.")])
+    model, skin = BodyModel.load(path), _skin(tracking)
+    start = Pose(*(np.asarray(a, float) for a in (body.pose, body.shape, body.expression, body.translation)))
+    found = register(model, start, skin, job.progress)
+    posed = model.pose(found.found.shape, found.found.expression, found.found.pose, found.found.translation)
+    pixels = reprojected(model, cameras_of(capture), keypoints.keypoints.astype(float), posed.vertices, posed.joints)
+    return Registration(
+        pose=found.found.pose.astype(np.float32),
+        shape=found.found.shape.astype(np.float32),
+        expression=body.expression,
+        translation=found.found.translation.astype(np.float32),
+        vertices=posed.vertices.astype(np.float32),
+        joints=posed.joints.astype(np.float32),
+        transforms=posed.transforms.astype(np.float32),
+        faces=body.faces,
+        weights=body.weights,
+        reprojection_px=pixels.astype(np.float32),
+        scale=body.scale,
+        model=body.model,
+        model_sha256=body.model_sha256,
+        ending=found.ending,
+        distance_m=found.distance.astype(np.float32),
+    )
+
+
+def _skin(tracking: Tracking) -> Skin:
+    """The vertices of the skin that no garment shares; none where the surface is one piece, for it wears its clothes then."""
+    part = np.asarray(tracking.part_names)[tracking.part_of_face]
+    worn = np.unique(tracking.faces[part != SKIN])
+    index = np.setdiff1d(np.unique(tracking.faces[part == SKIN]), worn) if len(worn) else np.zeros(0, int)
+    return Skin(tracking.vertices.astype(float), tracking.faces, index, tracking.seen)
