@@ -177,7 +177,8 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Gat
             after = list(run(follow_corrected, jobs(final, restarted(final, kept, run), φ, prior=prior)))
     gap = shrinkage(before, after, floor_mm=_floor_mm(screened, train), held_out=held)
     if verdict.named is not None and held and not gap.shrinks:
-        reason = f"{verdict.named.name} leads, but on motion kept out of the fit the gap does not shrink"
+        seen = "the gap does not shrink" if np.isfinite(gap.after_mm) else "it cannot be simulated"
+        reason = f"{verdict.named.name} leads, but on motion kept out of the fit {seen}"
         verdict, after, gap = withdrawn(verdict, reason), before, unchanged(gap)
     fps = base.model.subject.fps
     accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)

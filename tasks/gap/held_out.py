@@ -57,11 +57,13 @@ def squared(evidence: Evidence) -> tuple[float, int]:
 
 
 def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm: float, held_out: bool) -> Shrinkage:
-    """Compare two models on the same windows; those that one of them could not follow are left out."""
+    """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no after."""
     both = [(b, a) for b, a in zip(before, after, strict=True) if b.prediction.complete and a.prediction.complete]
     E = np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both])
     if not len(E):
-        return Shrinkage(np.nan, np.nan, floor_mm, None, None, None, held_out)
+        alone = np.array([squared(b) for b in before if b.prediction.complete])
+        gap = float(np.sqrt(alone[:, 0].sum() / alone[:, 1].sum())) if len(alone) else np.nan
+        return Shrinkage(gap, np.nan, floor_mm, None, None, None, held_out)
     draws = np.random.default_rng(0).integers(0, len(E), (DRAWS, len(E)))
     φ = _closed(E[draws].sum(1), floor_mm)
     own = _closed(E.sum(0)[None], floor_mm)[0]

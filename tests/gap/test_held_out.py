@@ -1,5 +1,7 @@
 """How far a gap shrinks: the fraction of what can be closed, its interval, and when it is not stated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,15 @@ def test_at_the_floor_no_fraction_is_stated():
     assert gap.closed_fraction is None and gap.shrinks  # a little is enough
     worse = shrinkage(evidence(rng, 3.0), evidence(rng, 3.1), floor_mm=3.0, held_out=True)
     assert worse.closed_fraction is None and not worse.shrinks
+
+
+def test_a_model_that_follows_no_window_leaves_the_gap_before():
+    rng = np.random.default_rng(4)
+    before, after = evidence(rng, 10.0), evidence(rng, 5.0)
+    lost = [replace(e, prediction=replace(e.prediction, ending="stalled"), residual=None) for e in after]
+    gap = shrinkage(before, lost, floor_mm=3.0, held_out=True)
+    assert gap.before_mm == pytest.approx(10.0, rel=0.03) and np.isnan(gap.after_mm) and not gap.shrinks
+    assert unchanged(gap).after_mm == gap.before_mm
 
 
 def test_what_was_not_seen_does_not_count():
