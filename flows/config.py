@@ -65,9 +65,9 @@ def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Map
     for source, text in (*_environment(), *((f"--set {flag}", flag) for flag in overrides)):
         _assign(values, source, text)
     values |= {name: value for name, value in (places or {}).items() if value is not None}
-    body, registration = values.get("body"), values.setdefault("registration", {})
-    if isinstance(body, dict) and isinstance(registration, dict) and "model" in body:
-        registration.setdefault("model", body["model"])  # what was fitted is what is registered
+    match values:  # what was fitted is what is registered
+        case {"body": {"model": model}} if isinstance(values.setdefault("registration", {}), dict):
+            values["registration"].setdefault("model", model)
     try:
         return Settings(**values)
     except ValidationError as error:

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from tasks.body.initial_pose import initial_pose, robust_points
 from tasks.body.keypoint_body import keypoint_body
 from tasks.body.levenberg_marquardt import Minimum, minimise
-from tasks.body.model import JOINTS, Array, BodyModel
+from tasks.body.model import JOINTS, Array, BodyModel, Posed
 from tasks.body.objective import FitWeights, Objective
 from tasks.body.reprojection import Sight
+from tasks.body.shared_shape import shared_shape, spread
 from tasks.body.wholebody import NAMES, keypoints133
 from tasks.geometry.cameras import Cameras, project
 from tasks.geometry.faults import Fault, refuse
 
-SHAPE_FRAMES = 5
 SUPPLEMENT = FitWeights()
 
 
@@ -65,33 +65,14 @@ def fit_sequence(
 
     fresh = {}
     if shape is None:
-        fresh = {frame: afresh(frame) for frame in _spread(sights)}
-        shape, fresh = _shared_shape(objective, sights, fresh)
+        fresh = {frame: afresh(frame) for frame in spread([frame for frame, sight in enumerate(sights) if sight.trust.any()])}
+        shape, poses = shared_shape([(objective, sights[frame]) for frame in fresh], np.zeros(objective.shapes), list(fresh.values()))
+        fresh = dict(zip(fresh, poses, strict=True))
     frozen, minima = objective.frozen(shape), []
     for frame, sight in enumerate(sights):
         z = frozen.short_way(minima[-1].z) if minima else fresh.get(frame, afresh(frame))
         minima.append(_fit_frame(frozen, sight, z, lambda frame=frame: afresh(frame)))
     return _motion(model, frozen, cameras, keypoints, shape, minima)
-
-
-def _shared_shape(objective: Objective, sights: list[Sight], starts: dict[int, Array]) -> tuple[Array, dict[int, Array]]:
-    """β [S] fitted jointly on some frames from their starts {frame: z}, and what those frames' unknowns came to."""
-    S, n = objective.shapes, len(objective.prior)
-    parts = {frame: S + i * n + np.arange(n) for i, frame in enumerate(starts)}
-
-    def energy(u: Array) -> float:
-        return sum(objective.energy(sights[frame], u[part], u[:S]) for frame, part in parts.items())
-
-    def expand(u: Array) -> tuple[float, Array, Array]:
-        E, g, H = 0.0, np.zeros_like(u), np.zeros((len(u), len(u)))
-        for frame, part in parts.items():
-            at = np.append(np.arange(S), part)
-            E_1, g_1, H_1 = objective.expand(sights[frame], u[part], u[:S])
-            E, g[at], H[np.ix_(at, at)] = E + E_1, g[at] + g_1, H[np.ix_(at, at)] + H_1
-        return E, g, H
-
-    best = minimise(expand, energy, np.concatenate([np.zeros(S), *starts.values()]))
-    return best.z[:S], {frame: best.z[part] for frame, part in parts.items()}
 
 
 def _fit_frame(objective: Objective, sight: Sight, z: Array, afresh: Callable[[], Array]) -> Minimum:
@@ -107,12 +88,6 @@ def _descend(objective: Objective, sight: Sight, z: Array) -> Minimum:
     return minimise(lambda z: objective.expand(sight, z), lambda z: objective.energy(sight, z), z)
 
 
-def _spread(sights: list[Sight]) -> list[int]:
-    """Some frames spread evenly over those in which anything is seen."""
-    seen = [frame for frame, sight in enumerate(sights) if sight.trust.any()]
-    return sorted({seen[i] for i in np.linspace(0, len(seen) - 1, SHAPE_FRAMES).round().astype(int)})
-
-
 def _rest(model: BodyModel) -> tuple[Array, Array]:
     body = keypoint_body(model)
     return body.at(np.zeros(body.joints_by_shape.shape[2]), np.zeros((JOINTS, 3)), np.zeros(3)).p, body.joints
@@ -124,19 +99,24 @@ def _motion(model: BodyModel, objective: Objective, cameras: Cameras, keypoints:
     if objective.expression(minima[0].z).size:
         expression = np.array([objective.expression(minimum.z) for minimum in minima])
     translation = np.array([minimum.z[:3] for minimum in minima])
-    posed = [model.pose(shape, *frame) for frame in zip(expression, pose, translation, strict=True)]  # all at once would need gigabytes
-    vertices, joints, transforms = (np.array([getattr(frame, name) for frame in posed]) for name in ("vertices", "joints", "transforms"))
+    posed = pose_sequence(model, shape, expression, pose, translation)
     return BodyMotion(
-        pose, shape, expression, translation, 1.0, vertices, joints, transforms,
-        reprojection_px=reprojected(model, cameras, keypoints, vertices, joints),
+        pose, shape, expression, translation, 1.0, posed.vertices, posed.joints, posed.transforms,
+        reprojection_px=reprojected(model, cameras, keypoints, posed),
         converged=np.array([minimum.converged for minimum in minima]),
         ending=_ending(minima),
     )  # fmt: skip
 
 
-def reprojected(model: BodyModel, cameras: Cameras, keypoints: Array, vertices: Array, joints: Array) -> Array:
+def pose_sequence(model: BodyModel, shape: Array, expression: Array, pose: Array, translation: Array) -> Posed:
+    """The body in every frame, one after the other: all at once would need gigabytes."""
+    each = [model.pose(shape, *frame) for frame in zip(expression, pose, translation, strict=True)]
+    return Posed(*(np.array([getattr(frame, name) for frame in each]) for name in ("vertices", "joints", "transforms")))
+
+
+def reprojected(model: BodyModel, cameras: Cameras, keypoints: Array, posed: Posed) -> Array:
     """Distance [frame, camera, 133] px of the body's keypoints from detected ones [frame, camera, 133, 2] px, NaN where there is none."""
-    uv = np.moveaxis(project(cameras, keypoints133(model, vertices, joints))[0], 0, 1)
+    uv = np.moveaxis(project(cameras, keypoints133(model, posed.vertices, posed.joints))[0], 0, 1)
     return np.linalg.norm(uv - keypoints, axis=-1)
 
 

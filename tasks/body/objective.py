@@ -10,6 +10,7 @@ Limit: eyes do not turn.
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,18 @@ class FitWeights:
     face_pose: float = 1e-1
     shape: float = 3e-2
     expression: float = 1e-1
+
+
+class Comparison(Protocol):
+    """What points of the body [q, 3] m are compared with in one frame: what cameras saw (`Sight`), or where skin was tracked."""
+
+    def energy(self, p: Array) -> float:
+        """E for points p [q, 3] m."""
+        ...
+
+    def expand(self, p: Array) -> tuple[float, Array, Array]:
+        """E, its gradient [q, 3] 1/m and a curvature [q, 3, 3] 1/m² that is nowhere negative."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,7 @@ class Objective:
         """The same for points of the surface, corners [q, 3] and barycentric [q, 3], with a face at rest."""
         nothing = np.zeros(self.shapes + model.expression_directions.shape[2])
         points = surface_points(model, vertices, barycentric).shaped(nothing, slice(0, self.shapes))
-        return replace(self, body=points, used=np.arange(len(vertices)), weight=np.ones(len(vertices)))
+        return replace(self, body=points)
 
     def near(self, z: Array) -> "Objective":
         """The same drawn to z̄ = z [n]."""
@@ -101,14 +114,14 @@ class Objective:
         """One frame's detections [camera,133,2] px and scores [camera,133], the ones that count."""
         return Sight.of(cameras, keypoints[:, self.used], scores[:, self.used], self.weight)
 
-    def energy(self, sight: Sight, z: Array, shape: Array = NO_SHAPE) -> float:
+    def energy(self, seen: Comparison, z: Array, shape: Array = NO_SHAPE) -> float:
         """L of one frame's unknowns z [n] and the free shape [S] (empty once frozen)."""
-        return sight.energy(self._posed(z, shape).p) + self.prior @ (z - self.mean) ** 2 + self.shape_prior * (shape @ shape)
+        return seen.energy(self._posed(z, shape).p) + self.prior @ (z - self.mean) ** 2 + self.shape_prior * (shape @ shape)
 
-    def expand(self, sight: Sight, z: Array, shape: Array = NO_SHAPE) -> tuple[float, Array, Array]:
+    def expand(self, seen: Comparison, z: Array, shape: Array = NO_SHAPE) -> tuple[float, Array, Array]:
         """L, gradient [S+n] and curvature [S+n,S+n] with respect to (shape, z)."""
         posed = self._posed(z, shape)
-        E, g, C = sight.expand(posed.p)
+        E, g, C = seen.expand(posed.p)
         by_shape, by_pose = posed.by_shape(), posed.by_pose() @ self.basis
         move = np.broadcast_to(np.eye(3), (len(posed.p), 3, 3))
         J = np.concatenate([by_shape[..., : self.shapes], move, by_pose, by_shape[..., self.shapes :]], axis=2)

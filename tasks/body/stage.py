@@ -31,7 +31,6 @@ def body(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParam
     weights = FitWeights(body=parameters.body_weight, hand=parameters.hand_weight, face=parameters.face_weight)
     job.progress(0.02, "shared shape")
     found = fit_sequence(model, cameras_of(capture), keypoints.keypoints.astype(float), keypoints.score.astype(float), weights=weights)
-    posed = model.pose(found.shape, found.expression, found.pose, found.translation)
     return Body(
         pose=found.pose.astype(np.float32),
         shape=found.shape.astype(np.float32),
@@ -39,7 +38,7 @@ def body(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParam
         translation=found.translation.astype(np.float32),
         vertices=found.vertices.astype(np.float32),
         joints=found.joints.astype(np.float32),
-        transforms=posed.transforms.astype(np.float32),
+        transforms=found.transforms.astype(np.float32),
         faces=model.faces,
         weights=model.weights.astype(np.float32),
         reprojection_px=found.reprojection_px.astype(np.float32),

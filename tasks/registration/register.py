@@ -9,7 +9,7 @@ Limits: garments are no skin, and hair and shoes are taken for it as far as 3 cm
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from tasks.body.levenberg_marquardt import minimise
 from tasks.body.model import Array, BodyModel
 from tasks.body.objective import FitWeights, Objective
+from tasks.body.shared_shape import shared_shape, spread
 from tasks.geometry.meshes import vertex_normals
 from tasks.registration.skin_distance import Match, SkinDistance, matched
 
 USED = 500  # tracked vertices
-SHAPE_FRAMES = 5
 ROUNDS, FRAME_ROUNDS = 8, 4  # of matching: for the shape, and for each frame
 STEPS = 6  # of Gauss-Newton between two of them
+FACE = slice(22, 25)  # jaw and eyes, which nothing here moves
 FEWEST = 100  # tracked skin vertices without which the body stays as it was
 
 
@@ -70,14 +71,14 @@ def register(model: BodyModel, start: Pose, skin: Skin, tell: Callable[[float, s
     enough = [f for f in range(frames) if skin.seen[f, skin.index].sum() >= FEWEST]
     if not enough:
         return Registered(start, np.full((frames, 2), np.nan), "too little skin was tracked: as keypoints had it")
-    free = Objective.of(model, FitWeights())
+    some = spread(enough)
+    free = Objective.of(model, FitWeights(shape=FitWeights().shape / len(some)))  # the frames' objectives add up to one prior of the shape
     z = np.array([free.unknowns(pose, t) for pose, t in zip(start.pose, start.translation, strict=True)])
-    some = [enough[i] for i in np.linspace(0, len(enough) - 1, SHAPE_FRAMES).round().astype(int)]
-    shape = _shape(model, free, start, z, skin, some, tell)
+    shape = _shape(model, free, start.shape[: free.shapes], z, skin, some, tell)
     found, distance = z.copy(), np.full((frames, 2), np.nan)
     for f in enough:
         tell(0.4 + 0.6 * f / frames, f"frame {f}")
-        found[f], distance[f] = _frame(model, free, start, z[f], shape, skin, f)
+        found[f], distance[f] = _frame(model, free, z[f], start.shape, shape, skin, f)
     pose = np.array([free.pose(u) for u in found])
     pose[:, FACE] = start.pose[:, FACE]
     before, after = 1e3 * np.nanmedian(distance, 0)
@@ -88,45 +89,26 @@ def register(model: BodyModel, start: Pose, skin: Skin, tell: Callable[[float, s
     )
 
 
-FACE = slice(22, 25)  # jaw and eyes, which nothing here moves
-
-
 def _shape(
-    model: BodyModel, free: Objective, start: Pose, z: Array, skin: Skin, frames: list[int], tell: Callable[[float, str], None]
+    model: BodyModel, free: Objective, shape: Array, z: Array, skin: Skin, frames: list[int], tell: Callable[[float, str], None]
 ) -> Array:
     """β [S] from some frames together."""
-    S, n = free.shapes, z.shape[1]
-    u = np.concatenate([start.shape[:S], *(z[f] for f in frames)])
-    parts = [S + i * n + np.arange(n) for i in range(len(frames))]
+    poses = [z[f] for f in frames]
     for round_ in range(ROUNDS):
         tell(0.4 * round_ / ROUNDS, f"shape, round {round_ + 1}")
-        terms = [_term(model, free.near(z[f]), u[:S], u[part], skin, f) for f, part in zip(frames, parts, strict=True)]
-        terms = [(replace(o, shape_prior=o.shape_prior / len(frames)), d) for o, d in terms]
-
-        def energy(u: Array, terms=terms) -> float:
-            return sum(o.energy(d, u[part], u[:S]) for (o, d), part in zip(terms, parts, strict=True))
-
-        def expand(u: Array, terms=terms) -> tuple[float, Array, Array]:
-            E, g, H = 0.0, np.zeros_like(u), np.zeros((len(u), len(u)))
-            for (o, d), part in zip(terms, parts, strict=True):
-                at = np.append(np.arange(S), part)
-                E_1, g_1, H_1 = o.expand(d, u[part], u[:S])
-                E, g[at], H[np.ix_(at, at)] = E + E_1, g[at] + g_1, H[np.ix_(at, at)] + H_1
-            return E, g, H
-
-        u = minimise(expand, energy, u, steps=STEPS).z
-    return u[:S]
+        terms = [_term(model, free.near(z[f]), shape, pose, skin, f) for f, pose in zip(frames, poses, strict=True)]
+        shape, poses = shared_shape(terms, shape, poses, steps=STEPS)
+    return shape
 
 
-def _frame(model: BodyModel, free: Objective, start: Pose, z: Array, shape: Array, skin: Skin, frame: int) -> tuple[Array, Array]:
-    """z [n] of a frame with the shape kept, and the median distance of matched skin before and after [2] m."""
-    now = z
-    before = np.median(_matched(model, free, start.shape, z, skin, frame).distance)
+def _frame(model: BodyModel, free: Objective, z: Array, before: Array, shape: Array, skin: Skin, frame: int) -> tuple[Array, Array]:
+    """z [n] of a frame in its new shape, and the median distance of matched skin, with the shape `before` and at the end [2] m."""
+    now, first = z, np.median(_matched(model, free, before, z, skin, frame).distance)
     for _ in range(FRAME_ROUNDS):
         objective, distance = _term(model, free.near(z), shape, now, skin, frame)
         kept = objective.frozen(shape)
         now = minimise(lambda u: kept.expand(distance, u), lambda u: kept.energy(distance, u), now, steps=STEPS).z  # noqa: B023
-    return now, np.array([before, np.median(_matched(model, free, shape, now, skin, frame).distance)])
+    return now, np.array([first, np.median(_matched(model, free, shape, now, skin, frame).distance)])
 
 
 def _term(model: BodyModel, objective: Objective, shape: Array, z: Array, skin: Skin, frame: int) -> tuple[Objective, SkinDistance]:

@@ -10,7 +10,7 @@ from storage_schemas.keypoints import Keypoints
 from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
 from tasks.body.anny_body import demo_body
-from tasks.body.fit import reprojected
+from tasks.body.fit import pose_sequence, reprojected
 from tasks.body.model import BodyModel
 from tasks.geometry.faults import BadInput, Fault
 from tasks.recorded import cameras_of
@@ -37,8 +37,8 @@ def registration(
     model, skin = BodyModel.load(path), _skin(tracking)
     start = Pose(*(np.asarray(a, float) for a in (body.pose, body.shape, body.expression, body.translation)))
     found = register(model, start, skin, job.progress)
-    posed = model.pose(found.found.shape, found.found.expression, found.found.pose, found.found.translation)
-    pixels = reprojected(model, cameras_of(capture), keypoints.keypoints.astype(float), posed.vertices, posed.joints)
+    posed = pose_sequence(model, found.found.shape, found.found.expression, found.found.pose, found.found.translation)
+    pixels = reprojected(model, cameras_of(capture), keypoints.keypoints.astype(float), posed)
     return Registration(
         pose=found.found.pose.astype(np.float32),
         shape=found.found.shape.astype(np.float32),

@@ -59,6 +59,7 @@ def one_frame(model):
     for side, first in ((0, 25), (1, 40)):
         flat = motion.pose[0, first : first + 15].ravel() - model.hand_mean[side]
         z[69 + 12 * side : 81 + 12 * side] = model.hand_components[side, :12] @ flat
+    np.testing.assert_allclose(objective.unknowns(motion.pose[0], motion.translation[0]), z, atol=1e-9)
     return truth, rig, uv[0], score[0], objective, z
 
 

@@ -1,5 +1,7 @@
 """TOML < environment < flags; what is unknown is refused with the nearest name."""
 
+from pathlib import Path
+
 import pytest
 
 from flows.config import load
@@ -42,3 +44,13 @@ def test_broken_toml_names_the_file(file):
     file.write_text("store = [")
     with pytest.raises(BadInput, match=r"physavatar\.toml"):
         load(file=file)
+
+
+def test_what_was_fitted_is_what_is_registered(file):
+    file.write_text("")
+    assert load(["body.model=/models/a.npz"], file=file).registration.model == Path("/models/a.npz")
+    chosen = load(["body.model=/models/a.npz", "registration.model=/models/b.npz"], file=file)
+    assert chosen.registration.model == Path("/models/b.npz")
+    assert load([], file=file).registration.model is None
+    with pytest.raises(BadInput, match="registration"):
+        load(["body.model=/models/a.npz", "registration=3"], file=file)
