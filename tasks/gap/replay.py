@@ -82,9 +82,9 @@ def replayed_by(model: Model, base: Sequence[Replayed | None], data: Gathered, r
 def mean(each: Sequence[Replayed | None]) -> Replayed:
     """Over recordings that could be compared."""
     known = [r for r in each if r is not None]
-    return (
-        Replayed(*(float(np.mean(x)) for x in zip(*((r.gap, r.floor) for r in known), strict=True))) if known else Replayed(np.nan, np.nan)
-    )
+    if not known:
+        return Replayed(np.nan, np.nan)
+    return Replayed(float(np.mean([r.gap for r in known])), float(np.mean([r.floor for r in known])))
 
 
 def _gap(job: Job) -> float | None:
