@@ -56,7 +56,7 @@ def run(
     Parameters
     ----------
     tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
-    held_out: Further recordings, read only when the verdict is fixed; without any, the last part of each recording is kept.
+    held_out: Further recordings, read only when the verdict is fixed; without any, three windows of ten in each recording are kept.
     predict: A recording whose garment is known in its first two frames only.
     out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
     quick: On at most 800 of the garment's vertices, with fewer refits; a prediction still is of all of them.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, Job
 from tasks.cloth.windows import Normals, marginalised, predict
+from tasks.effects.model import Model
 from tasks.effects.numerics_mesh import EFFECT as MESH
 
 Array = NDArray[np.float64]
@@ -23,11 +24,13 @@ SPREAD = 1.0  # standard deviation of the coefficient
 def finer_offset(job: Job, coarse: Array) -> Array | None:
     """x(finer) − x(coarse) [L, V, 3] m of a window whose coarse prediction is [L + 1, V, 3] m; None where the finer run fails."""
     settings = replace(job.model.settings, substeps=2 * job.model.settings.substeps)
-    model = replace(
-        job.model, settings=settings, effects=(*job.model.effects, MESH), strengths={**job.model.strengths, MESH.name: np.ones(1)}
-    )
-    found = predict(model, job.recording, job.window, job.states)
+    found = predict(on_finer_mesh(replace(job.model, settings=settings)), job.recording, job.window, job.states)
     return found.x[1:, : coarse.shape[1]] - coarse[1:] if found.complete else None
+
+
+def on_finer_mesh(model: Model) -> Model:
+    """The model on about twice the vertices, the given ones first."""
+    return model.joined([MESH], {MESH.name: np.ones(1)})
 
 
 def corrected(n: Normals) -> Normals:

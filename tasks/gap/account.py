@@ -157,7 +157,8 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
                 "log_bayes_factor": found.replayed.something_missing,
             },
             "evidence": [
-                {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights]} for h in (*a.singles, *a.pairs)
+                {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights], "replayed": h.replayed}
+                for h in (*a.singles, *a.pairs)
             ],
             "confusability": c and {**asdict(c), "testable": c.testable},
             "constancy": {grouping: {n: asdict(x) for n, x in own.items()} for grouping, own in a.constancy.items()},

@@ -24,10 +24,10 @@ from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted
 from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.library_doubt import unexplained
-from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, corrected_model, moved_on, refitted, searched
-from tasks.gap.replay import Replayed, base_replays, mean, replayed_by
+from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, corrected_model, moved_on, refitted, replayed, searched
+from tasks.gap.replay import BaseReplay, Replayed, base_replays, of_base
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
-from tasks.gap.verdict import Candidate, Verdict, judge, twins, withdrawn
+from tasks.gap.verdict import Candidate, Verdict, judge, twins, with_replays, withdrawn
 
 Array = NDArray[np.float64]
 
@@ -109,51 +109,42 @@ def _decided(
 ) -> _Decided:
     cosines = confusability(screened.windows, screened.windows.effects)
     alike = twins(cosines)
+    tell("replays")
+    base = base_replays(screened.base.model, train, run)
+
+    def told(hypothesis: Fitted, start: Model | None = None) -> Refitted:
+        tell(f"refit with {hypothesis.name}")
+        return replayed(refitted(screened, train, hypothesis, effects, start=start, run=run), base, train, run)
+
     seen = by_contact(screened, train, effects, alike)
     chosen = contenders(screened.hypotheses, seen, 1 if quick else LEADERS, alike)
-    after = {h.name: _told(screened, train, h, effects, run, tell) for h in chosen}
+    after = {h.name: told(h) for h in chosen}
     singles = as_simulated(screened.hypotheses, after, alike)
-    leader = max(singles, key=lambda h: h.evidence)
+    leader = max(singles, key=with_replays(of_base(base).something_missing))
     if leader.name in after and after[leader.name].windows is not None and moved_on(after[leader.name]):
-        after[leader.name] = _told(screened, train, leader, effects, run, tell)
+        after[leader.name] = told(leader)
         singles = as_simulated(screened.hypotheses, after, alike)
     pairs = searched(after[leader.name]) if leader.name in after else ()
-    replayed, doubt = _replayed(screened, train, (*singles, *pairs), after, run, tell)
-    verdict = judge(singles, pairs, unexplained=doubt, missing=replayed.something_missing, cosines=cosines)
+    doubt = _doubt(screened, train, (*singles, *pairs), after, base)
+    verdict = judge(singles, pairs, unexplained=doubt, missing=of_base(base).something_missing, cosines=cosines)
     if verdict.named is None:
-        base = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
-        return _Decided(verdict, base, pairs, replayed)
+        nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
+        return _Decided(verdict, nothing, pairs, of_base(base))
     name = verdict.named.name
     if name not in after:
         start = after[leader.name].model if leader.name in after and len(verdict.named.effects) == 2 else None
-        after[name] = _told(screened, train, verdict.named, effects, run, tell, start=start)
-    return _Decided(replace(verdict, named=after[name].hypothesis), after[name], pairs, replayed)
+        after[name] = told(verdict.named, start)
+    return _Decided(replace(verdict, named=after[name].hypothesis), after[name], pairs, of_base(base))
 
 
-def _replayed(
-    screened: Screened, train: Gathered, hypotheses: Sequence[Fitted], after: Mapping[str, Refitted], run: Map, tell: Callable[[str], None]
-) -> tuple[Replayed, float]:
-    """The base over whole recordings, and the doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
-    tell("replays")
-    base = base_replays(screened.base.model, train, run)
-    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence)
+def _doubt(
+    screened: Screened, train: Gathered, hypotheses: Sequence[Fitted], after: Mapping[str, Refitted], base: Sequence[BaseReplay | None]
+) -> float:
+    """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
+    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence + (h.replayed or 0.0))
     simulated = next((after[e.name] for e in best.effects[:1] if e.name in after), None)
-    left = base if simulated is None else replayed_by(corrected_model(simulated), base, train, run)
-    return mean(base), unexplained(screened, best, simulated, _floor_mm(screened, train), mean(left).ratio2)
-
-
-def _told(
-    screened: Screened,
-    data: Gathered,
-    hypothesis: Fitted,
-    effects: Sequence[Effect],
-    run: Map,
-    tell: Callable[[str], None],
-    *,
-    start: Model | None = None,
-) -> Refitted:
-    tell(f"refit with {hypothesis.name}")
-    return refitted(screened, data, hypothesis, effects, start=start, run=run)
+    left = of_base(base) if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
+    return unexplained(screened, best, simulated, _floor_mm(screened, train), left.ratio2)
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:

@@ -15,7 +15,7 @@ from tasks.effects.model import Model
 
 Array = NDArray[np.float64]
 
-HELD = 0.3  # share of each recording kept for the end where no recording is given for it
+HELD = 0.3  # share of each recording's windows kept for the end where no recording is given for it
 FEWEST_WINDOWS = 4  # of training windows that can be followed
 
 
@@ -88,14 +88,20 @@ def _restate(job: tuple[Model, Recording]) -> States:
 
 
 def split(data: Gathered) -> tuple[Gathered, Gathered]:
-    """Training windows, and the last part of each recording to hold out (none where a recording is too short)."""
+    """Training windows, and those to hold out, spread over each recording (none where it is too short): what acts in one place only, a touch or a
+    turn, would otherwise be all on one side. The first window always teaches, for replays start there."""
     train, held = [], []
     for k in range(len(data.recordings)):
         own = [w for w in data.windows if w.recording == k]
-        count = round(HELD * len(own)) if len(own) > FEWEST_WINDOWS else 0
-        train += own[: len(own) - count]
-        held += own[len(own) - count :]
+        kept = _spread(round(HELD * len(own)) if len(own) > FEWEST_WINDOWS else 0, len(own))
+        held += [w for i, w in enumerate(own) if i in kept]
+        train += [w for i, w in enumerate(own) if i not in kept]
     return data.only(train), data.only(held)
+
+
+def _spread(count: int, n: int) -> frozenset[int]:
+    """`count` places of n, evenly apart, away from the ends."""
+    return frozenset(int((j + 0.5) * n / count) for j in range(count))
 
 
 def jobs(model: Model, data: Gathered, φ: Array, **options) -> list[Job]:

@@ -1,4 +1,4 @@
-"""How far the gap shrinks on motion that nothing was fitted on: windows of held-out recordings or of the last part of each recording.
+"""How far the gap shrinks on motion that nothing was fitted on: windows of held-out recordings, or those of each recording that were kept out.
 
 E is the mean squared distance of a vertex [mm²] between observation and prediction in a window, what the uncertain start explains taken out.
 closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run; intervals by a

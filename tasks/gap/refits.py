@@ -13,23 +13,26 @@ from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import Fitted, Windows
 from tasks.gap.interpenetration import cleared
+from tasks.gap.replay import BaseReplay, Replayed, of_base, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import Twins
 
 FAR = 0.1  # change of the leading strength by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
+NEVER = Replayed(np.nan, np.nan, np.nan)
 TWIN = 0.01  # of evidence, so that of two that are the same the one that was simulated leads
 
 
 @dataclass(frozen=True)
 class Refitted:
-    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, and these linear about it."""
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, these linear about it, and its replays."""
 
     hypothesis: Fitted
     model: Model
     evidence: tuple[Evidence, ...]
     windows: Windows | None
+    replayed: Replayed = NEVER
 
 
 def refitted(
@@ -51,6 +54,14 @@ def refitted(
     normals = [corrected(without_state(e.normals, screened.prior)) for e in evidence]
     about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
+
+
+def replayed(named: Refitted, base: Sequence[BaseReplay | None], data: Gathered, run: Map = map) -> Refitted:
+    """The same, weighed by how its replays of whole recordings compare with the base's."""
+    if named.windows is None:
+        return named
+    whole = replayed_by(corrected_model(named), base, data, run)
+    return replace(named, hypothesis=replace(named.hypothesis, replayed=supported(of_base(base), whole)), replayed=whole)
 
 
 def searched(named: Refitted) -> tuple[Fitted, ...]:
@@ -76,7 +87,8 @@ def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike
         other = next((r for name, r in after.items() if own is None and frozenset((name, h.name)) in alike), None)
         if other is not None and other.hypothesis.weights:
             (weight,) = other.hypothesis.weights
-            h = replace(h, weights=(replace(weight, prior=weight.prior - TWIN),), forcing=other.hypothesis.forcing)
+            weights = (replace(weight, prior=weight.prior - TWIN),)
+            h = replace(h, weights=weights, forcing=other.hypothesis.forcing, replayed=other.hypothesis.replayed)
         found.append(h if own is None else own.hypothesis)
     return found
 

@@ -1,9 +1,9 @@
 """Recordings replayed in one run from their first state: does the model come as near as its own discretisation lets it?
 
 Within a fifth of a second a cause that acts slowly hides behind the uncertain start; over the whole recording it adds up. Replays of cloth diverge from
-one another too, so the yardsticks are the finer replay from the same start, and one from the start that other errors of tracking would have led to:
+one another too, so the yardstick is another replay, on a finer mesh and from the start that other errors of tracking would have led to:
 
-    ratio² = E/E_0,    E = mean |y − x|²,    E_0 = 3σ² + mean |x_finer − x|² + mean |x_other start − x|²    over vertices and frames
+    ratio² = E/E_0,    E = mean |y − x|²,    E_0 = 3σ² + mean |x_other − x|²    over vertices and frames
 
 About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing, not what: no
 derivative holds that long. As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform over `DISPLACEMENTS`,
@@ -12,19 +12,26 @@ derivative holds that long. As a Bayes factor, with log ratio² normal of standa
 
 so that a floor of centimetres, where folds never fall twice alike, says little.
 
+A hypothesis that was simulated is replayed too, and ends E_h from the recording and d from the base's replay. Were it true, the base would be off by
+E_0 + d² and it by E_0; were nothing missing, the other way round:
+
+    log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
+
+with d² less E_0, by which replays that start alike part anyway.
+
 Source: posterior predictive checks (Gelman, Meng & Stern 1996). Limits: says nothing where a replay cannot be finished.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import finer_offset
+from tasks.cloth.numerics import on_finer_mesh
 from tasks.cloth.shooting import Job, Map
 from tasks.cloth.start_state import FRAMES, States, states
-from tasks.cloth.windows import Window, predict
+from tasks.cloth.windows import Recording, Window, predict
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, restarted
 
@@ -33,14 +40,16 @@ Array = NDArray[np.float64]
 SPREAD = 0.4  # of log ratio² about what it should be
 DISPLACEMENTS = np.geomspace(1.5e-3, 6e-2, 20)  # [m], of causes worth a name
 MOST = (-2.0, 3.0)
+MOST_NAMED = (-3.0, 5.0)  # of a hypothesis' own factor
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """E and E_0 [m²], means over recordings; NaN where no replay could be compared."""
+    """E and E_0 [m²], means over recordings; NaN where no replay could be compared. apart: d² from the base's replay [m²]."""
 
     gap: float
     floor: float
+    apart: float = 0.0
 
     @property
     def ratio2(self) -> float:
@@ -57,53 +66,81 @@ class Replayed:
         return float(np.clip(np.log(max(present, 1e-300)) + 0.5 * (z / SPREAD) ** 2, *MOST))
 
 
+@dataclass(frozen=True)
+class BaseReplay:
+    """How far a recording's replay by the base is off, and the replay x [L + 1, V, 3] m."""
+
+    replayed: Replayed
+    x: Array
+
+
+def supported(base: Replayed, named: Replayed) -> float:
+    """Log Bayes factor of a hypothesis against the base by their replays; 0 where they cannot be compared."""
+    m = np.log1p(max(named.apart - named.floor, 0.0) / named.floor)
+    factor = m * np.log(base.gap / named.gap) / SPREAD**2
+    return float(np.clip(factor, *MOST_NAMED)) if np.isfinite(factor) else 0.0
+
+
 def replays(model: Model, data: Gathered) -> list[Job]:
-    """One job per recording: from its first window to the end of its last."""
+    """One job per recording: from its first window to the end of its last. What lies between windows is simulated, but not looked at."""
     found = []
-    for k in range(len(data.recordings)):
+    for k, recording in enumerate(data.recordings):
         own = [w for w in data.windows if w.recording == k]
         if own:
             whole = Window(k, own[0].start, own[-1].start + own[-1].length - own[0].start)
-            found.append(Job(model, data.recordings[k], whole, data.states[k], np.zeros((0, 0))))
+            found.append(Job(model, _shown(recording, own), whole, data.states[k], np.zeros((0, 0))))
     return found
 
 
-def base_replays(model: Model, data: Gathered, run: Map = map) -> list[Replayed | None]:
+def _shown(recording: Recording, own: Sequence[Window]) -> Recording:
+    """The recording as its windows show it, unseen elsewhere."""
+    frames = np.zeros(len(recording), bool)
+    for w in own:
+        frames[w.frames] = True
+    return replace(recording, observed=np.where(frames[:, None, None], recording.observed, np.nan))
+
+
+def base_replays(model: Model, data: Gathered, run: Map = map) -> list[BaseReplay | None]:
     """Of each recording; None where a replay ends early."""
-    return list(run(_beside_others, replays(model, data)))
+    return list(run(_beside_another, replays(model, data)))
 
 
-def replayed_by(model: Model, base: Sequence[Replayed | None], data: Gathered, run: Map = map) -> list[Replayed | None]:
-    """The same of another model, beside the base's floors."""
-    gaps = run(_gap, replays(model, restarted(model, data, run)))
-    return [None if E is None or own is None else Replayed(E, own.floor) for E, own in zip(gaps, base, strict=True)]
+def replayed_by(model: Model, base: Sequence[BaseReplay | None], data: Gathered, run: Map = map) -> Replayed:
+    """The same of another model, beside the base's floors; mean over recordings that both could finish."""
+    known = [(job, b) for job, b in zip(replays(model, restarted(model, data, run)), base, strict=True) if b is not None]
+    return mean([r for r in run(_beside_base, known) if r is not None])
 
 
-def mean(each: Sequence[Replayed | None]) -> Replayed:
+def of_base(base: Sequence[BaseReplay | None]) -> Replayed:
+    """Mean over recordings."""
+    return mean([b.replayed for b in base if b is not None])
+
+
+def mean(each: Sequence[Replayed]) -> Replayed:
     """Over recordings that could be compared."""
-    known = [r for r in each if r is not None]
-    if not known:
-        return Replayed(np.nan, np.nan)
-    return Replayed(float(np.mean([r.gap for r in known])), float(np.mean([r.floor for r in known])))
+    if not each:
+        return Replayed(np.nan, np.nan, np.nan)
+    return Replayed(*(float(np.mean([getattr(r, key) for r in each])) for key in ("gap", "floor", "apart")))
 
 
-def _gap(job: Job) -> float | None:
-    """E [m²]."""
+def _beside_base(job: tuple[Job, BaseReplay]) -> Replayed | None:
+    todo, base = job
+    found = predict(todo.model, todo.recording, todo.window, todo.states)
+    if not found.complete:
+        return None
+    r = _residual(todo, found.x)
+    return Replayed(_mean_square(r), base.replayed.floor, _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)]))
+
+
+def _beside_another(job: Job) -> BaseReplay | None:
     found = predict(job.model, job.recording, job.window, job.states)
-    return _mean_square(_residual(job, found.x)) if found.complete else None
-
-
-def _beside_others(job: Job) -> Replayed | None:
-    found = predict(job.model, job.recording, job.window, job.states)
-    other = predict(job.model, job.recording, job.window, _started_otherwise(job)) if found.complete else found
-    finer = finer_offset(job, found.x) if other.complete else None
-    if finer is None:
+    other = predict(on_finer_mesh(job.model), job.recording, job.window, _started_otherwise(job)) if found.complete else found
+    if not other.complete:
         return None
     r, noise = _residual(job, found.x), job.recording.noise[job.window.frames][1:]
-    free = np.setdiff1d(np.arange(r.shape[1]), job.model.subject.cloth.boundary)
-    own = 3 * np.mean(noise[np.isfinite(r).all(-1)] ** 2)
-    floor = float(own + _mean_square(finer[:, free]) + _mean_square((other.x - found.x)[1:, free]))
-    return Replayed(_mean_square(r), floor)
+    seen = np.isfinite(r).all(-1)
+    floor = float(3 * np.mean(noise[seen] ** 2) + _mean_square((other.x[:, : found.x.shape[1]] - found.x)[1:][seen]))
+    return BaseReplay(Replayed(_mean_square(r), floor), found.x)
 
 
 def _started_otherwise(job: Job) -> States:

@@ -1,7 +1,8 @@
 """From weighed hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
 
 Posterior weights beside 1 for "none": B π_e exp(T E_e) of a single effect with evidence E_e, B π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
-effect f makes with the leading one; B says what whole recordings, replayed, make of it that anything is missing (`replay.py`). The temper T < 1 says
+effect f makes with the leading one; B says what whole recordings make of it, replayed with the effect where it was simulated and else that anything is
+missing (`replay.py`). The temper T < 1 says
 how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
 effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER`
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
@@ -78,9 +79,9 @@ def judge(
 ) -> Verdict:
     """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that anything
     in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed."""
-    ranked = sorted(singles, key=lambda h: -h.evidence)
-    prior = np.log(SINGLE / len(ranked)) + missing
-    weight = [float(np.exp(prior + TEMPER * max(h.evidence, -EXCLUDED))) for h in ranked]
+    whole = with_replays(missing)
+    ranked = sorted(singles, key=whole, reverse=True)
+    weight = [SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
     seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
     doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
     named = sum(weight) + sum(doubled[:1])
@@ -88,9 +89,9 @@ def judge(
     total = none + outside + named
     candidates = [Candidate(("none",), none / total), Candidate(("outside_library",), outside / total)]
     alike = twins(cosines)
-    candidates += _classes(ranked, weight, total, alike)
+    candidates += _classes(ranked, weight, total, alike, whole)
     if doubled:
-        both = (_beside(ranked, lambda h: h.evidence, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
+        both = (_beside(ranked, whole, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
         names = tuple(dict.fromkeys(n for c in both for n in c))
         pair = tuple(e.name for e in seconds[0].effects)
         candidates.append(Candidate(names if len(names) <= LARGEST_CLASS else pair, doubled[0] / total, seconds[0]))
@@ -103,11 +104,18 @@ def judge(
     return Verdict("effect", first.fitted, classes, first.probability, tuple(candidates))
 
 
-def _classes(ranked: Sequence[Fitted], weight: Sequence[float], total: float, alike: Twins) -> list[Candidate]:
+def with_replays(missing: float) -> Callable[[Fitted], float]:
+    """Evidence of a hypothesis with what replays say in it: its own if it was simulated, else that anything is missing; those are not tempered."""
+    return lambda h: max(h.evidence, -EXCLUDED) + (missing if h.replayed is None else h.replayed) / TEMPER
+
+
+def _classes(
+    ranked: Sequence[Fitted], weight: Sequence[float], total: float, alike: Twins, evidence: Callable[[Fitted], float]
+) -> list[Candidate]:
     """Single effects in the order of their evidence, those that cannot be told from the first of each class joined."""
     found, left = [], dict(zip((h.name for h in ranked), zip(ranked, weight, strict=True), strict=True))
     while left:
-        names = _beside([h for h, _ in left.values()], lambda h: h.evidence, 0, alike)
+        names = _beside([h for h, _ in left.values()], evidence, 0, alike)
         own = [left.pop(name) for name in names]
         found.append(Candidate(names, sum(w for _, w in own) / total, own[0][0], tuple(h for h, _ in own[1:])))
     return sorted(found, key=lambda c: -c.probability)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tasks.gap.budget import Item
 from tasks.gap.confusability import SHOWN, Confusability
 from tasks.gap.constancy import Constancy
+from tasks.gap.hypotheses import Fitted
 from tasks.gap.residual import rms_mm
 from tasks.gap.spectrum import Spectrum
 from tasks.gap.stretches import Stretch
@@ -192,7 +193,7 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
     for candidate in ranking:
         fitted = [h for h in (candidate.fitted, *candidate.others) if h is not None]
         boxes.append((len(rows), max(len(fitted), 1), candidate.probability))
-        rows += [(h.name, max(h.evidence, WEAKEST)) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
+        rows += [(_with_replays(h), max(h.evidence, WEAKEST)) for h in fitted] or [(candidate.names[0].replace("_", " "), None)]
         if len(rows) >= MOST_BARS:
             break
     canvas = Figure(figsize=(8.5, 0.7 + 0.27 * len(rows)))
@@ -214,6 +215,11 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
     axes.tick_params(axis="y", labelsize=8)
     _plain(axes)
     return canvas
+
+
+def _with_replays(h: Fitted) -> str:
+    """Name of a hypothesis, with what its replays of whole recordings add to its evidence where it was simulated."""
+    return h.name if h.replayed is None else f"{h.name}  (replays {h.replayed:+.1f})"
 
 
 def confusability_matrix(c: Confusability) -> Figure:

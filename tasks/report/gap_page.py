@@ -51,7 +51,7 @@ def _verdict(answer: dict[str, Any], replayed: Replayed | None) -> Section:
     if replayed is not None and np.isfinite(replayed.ratio2):
         rows += [
             ["base model replayed over whole recordings: gap [mm]", 1e3 * replayed.gap**0.5],
-            ["floor of that: a finer replay, another start, noise [mm]", 1e3 * replayed.floor**0.5],
+            ["floor of that: a replay on a finer mesh from another start, noise [mm]", 1e3 * replayed.floor**0.5],
             ["log Bayes factor from there that anything is missing", replayed.something_missing],
         ]
     strengths = [
@@ -136,7 +136,8 @@ def _motion(told: Account) -> Section:
 
 def _ranking(found: Diagnosis) -> Section:
     caption = (
-        "Score of every hypothesis in the order of its probability. A box holds effects that this recording cannot tell apart. Without a bar: "
+        "Score of every hypothesis in the order of its probability; in brackets the log Bayes factor of its replays. A box holds effects that this "
+        "recording cannot tell apart. Without a bar: "
         "“none”, which is the zero of the scale, and “outside library”."
     )
     return Section("Evidence", figures=[_plot(figures.evidence(found.verdict.ranking), caption)])

@@ -10,7 +10,7 @@ from tasks.cloth.start_state import states
 from tasks.cloth.windows import windows
 from tasks.effects.library import library
 from tasks.gap.gathered import Gathered
-from tasks.gap.replay import Replayed, base_replays, mean, replayed_by
+from tasks.gap.replay import Replayed, base_replays, of_base, replayed_by, supported
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -35,21 +35,43 @@ def blown():
 def test_a_replay_of_the_model_itself_stays_at_its_floor():
     model, recording, *_ = swung(25, noise=NOISE)
     data = gathered(model, recording)
-    assert mean(base_replays(model, data)).ratio2 < 2.0
+    assert of_base(base_replays(model, data)).ratio2 < 2.0
 
 
 def test_a_wind_that_the_model_lacks_shows_and_is_gone_once_it_is_added(blown):
     model, windy, data = blown
     base = base_replays(model, data)
-    without, with_it = mean(base).ratio2, mean(replayed_by(windy, base, data)).ratio2
-    assert without > 10 and with_it < 2.0, (without, with_it)
+    without, with_it = of_base(base), replayed_by(windy, base, data)
+    assert without.ratio2 > 10 and with_it.ratio2 < 2.0, (without, with_it)
+    assert supported(without, with_it) > 4
+    assert with_it.apart == pytest.approx(without.gap, rel=0.3)  # the wind is all that is between the two replays
 
 
 def test_replays_that_cannot_be_finished_say_nothing(blown):
     model, _, data = blown
-    assert np.isnan(mean([None]).ratio2)
-    assert replayed_by(model, [None], data) == [None]
-    assert mean([None]).something_missing == 0.0
+    nothing = of_base([None])
+    assert np.isnan(nothing.ratio2)
+    assert np.isnan(replayed_by(model, [None], data).gap)
+    assert nothing.something_missing == 0.0
+    assert supported(nothing, Replayed(1e-6, 1e-6)) == supported(Replayed(1e-6, 1e-6), nothing) == 0.0
+
+
+def test_what_lies_between_the_windows_is_not_looked_at(blown):
+    model, _, data = blown
+    few = data.only(data.windows[::2])
+    hidden = data.windows[1].frames
+    recording = few.recordings[0]
+    observed = recording.observed.copy()
+    observed[hidden][1:-1] += 1.0  # metres
+    spoilt = replace(few, recordings=(replace(recording, observed=observed),))
+    assert of_base(base_replays(model, spoilt)) == of_base(base_replays(model, few))
+
+
+def test_a_hypothesis_is_supported_by_coming_nearer_as_far_as_it_moves_the_cloth():
+    base = Replayed(9e-6, 2e-6)
+    nearer, as_far, further = (supported(base, Replayed(gap, 2e-6, 9e-6)) for gap in (2e-6, 9e-6, 18e-6))
+    assert nearer > 4 and as_far == 0.0 and further < -2
+    assert supported(base, Replayed(2e-6, 2e-6, 1e-6)) == 0.0  # chance alone sets replays as far apart
 
 
 def test_what_is_at_the_floor_speaks_for_nothing_and_above_it_for_something():
