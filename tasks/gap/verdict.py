@@ -8,7 +8,8 @@ effect by more than `EXCLUDED`: where the model errs in other ways, it errs abou
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
 apart. Those within as much of the second one form the second's.
 
-"Outside the library" takes the place of "none", times B, by the doubt that the best hypothesis leaves (`library_doubt.py`).
+"Outside the library" takes the place of "none", times B, by the doubt u that the best hypothesis leaves (`library_doubt.py`). A cause in the library
+leaves nothing; by itself it weighs 1 − (1 − `OTHERWISE`) u of that.
 
 Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
 are chosen on open cases (README).
@@ -30,6 +31,7 @@ SINGLE, PAIR = 1.0, 0.3  # prior weight of all singles, and of a second effect b
 TEMPER = 0.8
 EXCLUDED = 5.0  # of evidence against an effect
 BESIDE = 0.15  # weight of "outside the library" beside a named effect that leaves everything unexplained
+OTHERWISE = 0.2  # weight of a cause that leaves everything unexplained, beside one that leaves nothing
 TOGETHER = 1.5  # difference of evidence up to which names form a class
 ALIKE = 0.97  # cosine of signatures from which they do whatever their strengths
 LARGEST_CLASS = 4
@@ -81,7 +83,8 @@ def judge(
     in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed."""
     whole = with_replays(missing)
     ranked = sorted(singles, key=whole, reverse=True)
-    weight = [SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
+    sole = 1.0 - (1.0 - OTHERWISE) * unexplained
+    weight = [sole * SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
     seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
     doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
     named = sum(weight) + sum(doubled[:1])

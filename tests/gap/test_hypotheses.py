@@ -218,3 +218,23 @@ def test_nothing_is_excluded_with_absurd_certainty():
     assert verdict.kind == "none"
     (own,) = [c for c in verdict.ranking if h.name in c.names]
     assert 1e-4 < own.probability < 1e-1
+
+
+def test_replays_of_its_own_count_for_or_against_what_was_simulated():
+    """Two effects of equal evidence: what comes no nearer over whole recordings falls behind, what does leads; twins' own factor counts instead of `missing`."""
+    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0}, alike=[("air_normal_drag", "fabric_mass_damping")])
+    singles = {h.name: h for h in (w.fit([e]) for e in EFFECTS)}
+    names = ("air_normal_drag", "fabric_mass_damping")
+    for first, second in (names, names[::-1]):
+        told = singles | {first: replace(singles[first], replayed=4.0), second: replace(singles[second], replayed=-1.0)}
+        verdict = judge(list(told.values()), unexplained=0.0, missing=2.0)
+        assert verdict.named.name == first and second not in verdict.classes[0]
+
+
+def test_a_cause_without_evidence_that_leaves_everything_unexplained_is_less_likely_than_one_outside():
+    w = windows(np.random.default_rng(4), truth={})
+    singles = [w.fit([e]) for e in EFFECTS]
+    singles = [replace(h, weights=(replace(h.weights[0], likelihood=0.0, prior=0.0),)) for h in singles]
+    verdict = judge(singles, unexplained=1.0, missing=2.5)
+    assert verdict.kind == "outside_library"
+    assert verdict.probability > 0.8
