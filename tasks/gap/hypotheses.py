@@ -110,22 +110,22 @@ class Fitted:
         return np.array([self.strengths[c] for c in effect.columns])
 
 
-def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float) -> float:
+def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, shows: float = 0.0) -> float:
     """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not known.
 
     Along the ray of θ numerically, on points of the prior and of the peak, which may be far narrower; across it by Laplace's approximation.
-    p: size u log-normal about the typical one, any direction alike.
+    p: size u log-normal about the typical one, any direction alike. shows: size below which a cause does not show; nothing is claimed of such ones.
     """
     z, Σ = θ / effect.typical, covariance / np.outer(effect.typical, effect.typical)
-    K, r = len(z), max(float(np.linalg.norm(z)), 1e-12)
-    along = z / r
+    K, r = len(z), float(np.linalg.norm(z))
+    along = z / r if r > 1e-9 else np.full(K, K**-0.5)  # at the end of its range: any direction
     σ = np.sqrt(max(float(along @ Σ @ along), 1e-24))
     peak = (r + σ * np.linspace(-12, 12, 241)) / np.sqrt(K)
     u = np.unique(np.concatenate([np.exp(np.linspace(-8, 4, 600) * log(FACTOR)), peak[peak > 0]]))
-    density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u)
+    density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u) * (u >= shows)
     size = float(np.trapezoid(density * (1 + ((u * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2), u))
     either_way = K == 1 and effect.strengths[0].low < 0
-    across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / r) ** (K - 1) if K > 1 else 1.0
+    across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / max(r, 1e-9)) ** (K - 1) if K > 1 else 1.0
     sphere = 2 * pi ** (K / 2) / gamma(K / 2) if K > 1 else 1.0 + either_way
     return log(max(size, 1e-300)) + log(min(max(across, 1e-300) / sphere, 1.0))
 
@@ -290,10 +290,12 @@ class Windows:
         W, own = len(self), scores.dispersion
         ν = W - 1 + KNOWN
         φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)
-        σ2 = φ * scores.inverse_information + np.diag([self.feigned.get(c, 0.0) ** 2 for c in effect.columns])
+        feigned = np.array([self.feigned.get(c, 0.0) for c in effect.columns])
+        σ2 = φ * scores.inverse_information + np.diag(feigned**2)
+        shows = float(np.sqrt(np.mean((feigned / effect.typical) ** 2)))
         surprise = min(decrease / φ, float(scores.θ @ np.linalg.pinv(σ2, hermitian=True) @ scores.θ))
         likelihood = 0.5 * ν * np.log1p(max(surprise, 0.0) / ν)
-        return Weight(decrease, own, φ, float(likelihood), log_averaged(scores.θ, σ2, effect, ν))
+        return Weight(decrease, own, φ, float(likelihood), log_averaged(scores.θ, σ2, effect, ν, shows=shows))
 
     def _dispersion(self, beside: tuple[Effect, ...]) -> float:
         """Median φ of all effects beside some."""

@@ -128,6 +128,14 @@ def test_averaging_over_strengths_is_the_integral():
     assert wide - one == pytest.approx(2 * np.log(2), abs=0.3)  # two directions, each twice as uncertain
 
 
+def test_a_strength_that_the_mesh_feigns_as_well_claims_half_of_what_it_might():
+    """Where nothing is known of a strength, half of its prior lies above the typical one."""
+    drag = LIBRARY["air_normal_drag"]
+    anything, shown = (log_averaged(np.zeros(1), np.diag(1e8 * drag.typical**2), drag, 10, shows=shows) for shows in (0.0, 1.0))
+    assert anything == pytest.approx(0.0, abs=0.01)
+    assert shown - anything == pytest.approx(np.log(0.5), abs=0.02)
+
+
 def test_what_the_mesh_may_feign_weighs_little():
     w = windows(np.random.default_rng(6), truth={"contact_friction": 0.3})
     doubtful = Windows(w.normals, EFFECTS, feigned={"contact_friction": 0.3})
