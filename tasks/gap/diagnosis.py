@@ -109,6 +109,7 @@ def _decided(
 ) -> _Decided:
     cosines = confusability(screened.windows, screened.windows.effects)
     alike = twins(cosines)
+    train = train.only(e.prediction.window for e in screened.evidence)  # a replay starts where a window could
     tell("replays")
     base = base_replays(screened.base.model, train, run)
 

@@ -23,6 +23,7 @@ from tasks.simulator.yielding import draw_in
 
 Array = NDArray[np.float64]
 TIME = 0.02  # s of the inertia that holds cloth in its place [s]: the larger, the more its own stiffness decides
+NEAREST = 0.01  # share of the barrier distance that a start may keep: cloth pressed onto a body rests at 0.03 of it, and goes on from there
 ATTEMPTS = 12
 
 
@@ -78,7 +79,7 @@ def _blocked(problem: Problem, x: Array, collider_x: Array) -> bool:
     surface = problem.surface
     X = surface.join(x, collider_x)
     surface.forget()
-    return surface.intersects(X) or surface.least_distance(X) < surface.offset + 0.05 * surface.barrier_distance
+    return surface.intersects(X) or surface.least_distance(X) < surface.offset + NEAREST * surface.barrier_distance
 
 
 def _drawn_in(problem: Problem, collider: Collider, x: Array, collider_x: Array) -> Array | None:
