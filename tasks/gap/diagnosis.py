@@ -5,29 +5,27 @@
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import size
 from tasks.cloth.shooting import Evidence, Map, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
-from tasks.gap.confusability import confusability
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
-from tasks.gap.held_out import Shrinkage, shrinkage, unchanged
+from tasks.gap.held_out import Shrinkage, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.library_doubt import unexplained
-from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, corrected_model, moved_on, refitted, replayed, searched
-from tasks.gap.replay import BaseReplay, Replayed, base_replays, of_base
+from tasks.gap.refits import Refitted, corrected_model
+from tasks.gap.replay import Replayed
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
-from tasks.gap.verdict import Candidate, Verdict, judge, twins, with_replays, withdrawn
+from tasks.gap.trials import Trials
+from tasks.gap.verdict import Candidate, Verdict, judge, withdrawn
 
 Array = NDArray[np.float64]
 
@@ -89,6 +87,7 @@ def diagnose(
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
+    first = model
     model, correlation = roughly_refitted(model, train, run, tell)
     data = restated(model, data.correlated(correlation), run)
     train, held = (data, None) if held_out is not None else split(data)
@@ -97,55 +96,27 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    decided = _decided(screened, train, effects, quick, run, tell)
+    decided = _decided(Trials(screened, first, train, effects, run, tell), quick)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
     found = _concluded(screened, decided.verdict, decided.named, train, kept, run)
     return replace(found, pairs=decided.pairs, replayed=decided.replayed)
 
 
-def _decided(
-    screened: Screened, train: Gathered, effects: Sequence[Effect], quick: bool, run: Map, tell: Callable[[str], None]
-) -> _Decided:
-    cosines = confusability(screened.windows, screened.windows.effects)
-    alike = twins(cosines)
-    train = train.only(e.prediction.window for e in screened.evidence)  # a replay starts where a window could
-    tell("replays")
-    base = base_replays(screened.base.model, train, run)
-
-    def told(hypothesis: Fitted, start: Model | None = None) -> Refitted:
-        tell(f"refit with {hypothesis.name}")
-        return replayed(refitted(screened, train, hypothesis, effects, start=start, run=run), base, train, run)
-
-    seen = by_contact(screened, train, effects, alike)
-    chosen = contenders(screened.hypotheses, seen, 1 if quick else LEADERS, alike)
-    after = {h.name: told(h) for h in chosen}
-    singles = as_simulated(screened.hypotheses, after, alike)
-    leader = max(singles, key=with_replays(of_base(base).something_missing))
-    if leader.name in after and after[leader.name].windows is not None and moved_on(after[leader.name]):
-        after[leader.name] = told(leader)
-        singles = as_simulated(screened.hypotheses, after, alike)
-    pairs = searched(after[leader.name]) if leader.name in after else ()
-    doubt = _doubt(screened, train, (*singles, *pairs), after, base)
-    verdict = judge(singles, pairs, unexplained=doubt, missing=of_base(base).something_missing, cosines=cosines)
+def _decided(trials: Trials, quick: bool) -> _Decided:
+    trials.settle(1 if quick else LEADERS)
+    pairs, screened = trials.pairs(), trials.screened
+    missing = trials.replayed.something_missing
+    verdict = judge(trials.singles, pairs, unexplained=trials.doubt(pairs), missing=missing, cosines=trials.cosines)
     if verdict.named is None:
         nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
-        return _Decided(verdict, nothing, pairs, of_base(base))
+        return _Decided(verdict, nothing, pairs, trials.replayed)
     name = verdict.named.name
-    if name not in after:
-        start = after[leader.name].model if leader.name in after and len(verdict.named.effects) == 2 else None
-        after[name] = told(verdict.named, start)
-    return _Decided(replace(verdict, named=after[name].hypothesis), after[name], pairs, of_base(base))
-
-
-def _doubt(
-    screened: Screened, train: Gathered, hypotheses: Sequence[Fitted], after: Mapping[str, Refitted], base: Sequence[BaseReplay | None]
-) -> float:
-    """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
-    best = max((screened.windows.base, *hypotheses), key=lambda h: h.evidence + (h.replayed or 0.0))
-    simulated = next((after[e.name] for e in best.effects[:1] if e.name in after), None)
-    left = of_base(base) if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
-    return unexplained(screened, best, simulated, _floor_mm(screened, train), left.ratio2)
+    if name not in trials.after:
+        first = trials.after.get(trials.leader.name) if len(verdict.named.effects) == 2 else None
+        trials.after[name] = trials.simulate(verdict.named, first and first.model)
+    named = trials.after[name]
+    return _Decided(replace(verdict, named=named.hypothesis), named, pairs, trials.replayed)
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:
@@ -167,7 +138,7 @@ def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Gat
         else:
             final = corrected_model(named)
             after = list(run(follow_corrected, jobs(final, restarted(final, kept, run), φ, prior=prior)))
-    gap = shrinkage(before, after, floor_mm=_floor_mm(screened, train), held_out=held)
+    gap = shrinkage(before, after, floor_mm=floor_mm(screened.evidence, train.recordings), held_out=held)
     if verdict.named is not None and held and not gap.shrinks:
         seen = "the gap does not shrink" if np.isfinite(gap.after_mm) else "it cannot be simulated"
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit {seen}"
@@ -189,12 +160,6 @@ def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
         ratio = value / fabric.density
         found[name] = {"value": ratio, "low": ratio * np.exp(-1.645 * s), "high": ratio * np.exp(1.645 * s), "unit": "m3/kg"}
     return found
-
-
-def _floor_mm(screened: Screened, train: Gathered) -> float:
-    """√E_floor of noise and finer re-run."""
-    noise = 3 * np.mean([np.mean(r.noise**2) for r in train.recordings])
-    return float(1e3 * np.sqrt(noise + np.mean([size(e) ** 2 for e in screened.evidence])))
 
 
 def _by_frame(evidence: Sequence[Evidence], train: Gathered) -> Array:

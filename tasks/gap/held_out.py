@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.numerics import size
 from tasks.cloth.shooting import Evidence
+from tasks.cloth.windows import Recording
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,12 @@ def unchanged(gap: Shrinkage) -> Shrinkage:
     """The gap where nothing is named: after is as before."""
     nothing = None if gap.closed_fraction is None else 0.0
     return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0)
+
+
+def floor_mm(evidence: Sequence[Evidence], recordings: Sequence[Recording]) -> float:
+    """√E_floor of noise and finer re-run."""
+    noise = 3 * np.mean([np.mean(r.noise**2) for r in recordings])
+    return float(1e3 * np.sqrt(noise + np.mean([size(e) ** 2 for e in evidence])))
 
 
 def squared(evidence: Evidence) -> tuple[float, int]:

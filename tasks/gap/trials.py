@@ -1,0 +1,97 @@
+"""Trials: the leading hypotheses simulated and replayed, until the strength of the one that leads stands still.
+
+Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where its strength
+moved, from where it stands; and where it leaves much unexplained, once from the fabric that the base refit began with: a base that lacks the cause
+may have bent the fabric so far that no step leads back (stretch that stood in for a pattern of another size ended at a twentieth of the true one).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tasks.cloth.shooting import Map
+from tasks.effects.effect import Effect
+from tasks.effects.model import Model
+from tasks.gap.confusability import confusability
+from tasks.gap.gathered import Gathered
+from tasks.gap.held_out import floor_mm
+from tasks.gap.hypotheses import Fitted
+from tasks.gap.library_doubt import unexplained
+from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, moved_on, refitted, replayed, searched
+from tasks.gap.replay import base_replays, of_base
+from tasks.gap.screening import Screened, roughly_refitted
+from tasks.gap.verdict import twins, with_replays
+
+AGAIN = 4  # further simulations of whichever leads
+DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model
+
+
+class Trials:
+    """What has been simulated so far. first: the model that the base refit began from; train: windows that the base could follow."""
+
+    def __init__(
+        self, screened: Screened, first: Model, train: Gathered, effects: Sequence[Effect], run: Map, tell: Callable[[str], None]
+    ) -> None:
+        self.screened, self.first, self.effects, self.run, self.tell = screened, first, effects, run, tell
+        self.train = train.only(e.prediction.window for e in screened.evidence)
+        self.cosines = confusability(screened.windows, screened.windows.effects)
+        self.alike = twins(self.cosines)
+        self.after: dict[str, Refitted] = {}
+        tell("replays")
+        self._base = base_replays(screened.base.model, self.train, run)
+        self.replayed = of_base(self._base)
+
+    def simulate(self, hypothesis: Fitted, start: Model | None = None) -> Refitted:
+        """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""
+        self.tell(f"refit with {hypothesis.name}")
+        found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, run=self.run)
+        return replayed(found, self._base, self.train, self.run)
+
+    @property
+    def singles(self) -> list[Fitted]:
+        """Single effects as they weigh now."""
+        return as_simulated(self.screened.hypotheses, self.after, self.alike)
+
+    @property
+    def leader(self) -> Fitted:
+        """The strongest of them."""
+        return max(self.singles, key=with_replays(self.replayed.something_missing))
+
+    def settle(self, most: int) -> None:
+        """Simulate up to `most` contenders, then whichever leads, until it stands still."""
+        seen = by_contact(self.screened, self.train, self.effects, self.alike)
+        for h in contenders(self.screened.hypotheses, seen, most, self.alike):
+            self.after[h.name] = self.simulate(h)
+        afresh: set[str] = set()
+        for _ in range(AGAIN):
+            leader = self.leader
+            now = self.after.get(leader.name)
+            if now is None or now.windows is None:
+                return
+            if leader.name not in afresh and self.doubt() > DOUBTFUL:
+                afresh.add(leader.name)
+                other = self._afresh(leader)
+                if other.hypothesis.evidence > now.hypothesis.evidence:
+                    self.after[leader.name] = other
+            elif moved_on(now):
+                self.after[leader.name] = self.simulate(leader, now.model)
+            else:
+                return
+
+    def _afresh(self, leader: Fitted) -> Refitted:
+        acting = self.first.joined(leader.effects, {e.name: leader.θ(e) for e in leader.effects})
+        start, _ = roughly_refitted(acting, self.train, self.run, self.tell)
+        return self.simulate(replace(leader, base=np.zeros_like(leader.base)), start)
+
+    def pairs(self) -> tuple[Fitted, ...]:
+        """Second effects beside the leader, if it was simulated."""
+        leader = self.leader
+        return searched(self.after[leader.name]) if leader.name in self.after else ()
+
+    def doubt(self, pairs: Sequence[Fitted] = ()) -> float:
+        """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
+        best = max((self.screened.windows.base, *self.singles, *pairs), key=lambda h: h.evidence + (h.replayed or 0.0))
+        simulated = next((self.after[e.name] for e in best.effects[:1] if e.name in self.after), None)
+        left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
+        return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)
