@@ -17,7 +17,7 @@ from tasks.gap.replay import BaseReplay, Replayed, of_base, replayed_by, support
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import Twins
 
-FAR = 0.1  # change of the leading strength by a refit that is worth another one
+FAR, FAR_FABRIC = 0.1, 0.25  # change of the leading strength, and of a stiffness' logarithm, by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
 NEVER = Replayed(np.nan, np.nan, np.nan)
@@ -73,10 +73,10 @@ def searched(named: Refitted) -> tuple[Fitted, ...]:
 
 
 def moved_on(named: Refitted) -> bool:
-    """Whether the strengths after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
+    """Whether strengths or fabric after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
     before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
     after = np.concatenate([named.hypothesis.θ(e) / e.typical for e in named.hypothesis.effects])
-    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after))
+    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after) or np.abs(named.hypothesis.base).max() > FAR_FABRIC)
 
 
 def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike: Twins) -> list[Fitted]:

@@ -20,7 +20,7 @@ from tasks.gap.hypotheses import Fitted
 from tasks.gap.library_doubt import unexplained
 from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, moved_on, refitted, replayed, searched
 from tasks.gap.replay import base_replays, of_base
-from tasks.gap.screening import Screened, roughly_refitted
+from tasks.gap.screening import Screened
 from tasks.gap.verdict import twins, with_replays
 
 AGAIN = 4  # further simulations of whichever leads
@@ -80,9 +80,9 @@ class Trials:
                 return
 
     def _afresh(self, leader: Fitted) -> Refitted:
-        acting = self.first.joined(leader.effects, {e.name: leader.θ(e) for e in leader.effects})
-        start, _ = roughly_refitted(acting, self.train, self.run, self.tell)
-        return self.simulate(replace(leader, base=np.zeros_like(leader.base)), start)
+        """Two joint steps of fabric and strength from the first fabric: after one the fabric is still that of the start."""
+        once = self.simulate(replace(leader, base=np.zeros_like(leader.base)), self.first)
+        return self.simulate(once.hypothesis, once.model) if once.windows is not None else once
 
     def pairs(self) -> tuple[Fitted, ...]:
         """Second effects beside the leader, if it was simulated."""
