@@ -185,3 +185,17 @@ def test_air_on_a_flat_sheet_in_uniform_motion(name, expected):
     n = vertex_normals(x, E.faces)
     m = Moment(x, np.tile(v, (len(x), 1)), 0 * x, 0.0, 0.01, n, E.node_area, E.mass, NOTHING.placed(still, 0.0))
     assert force(m)[0].sum(0) / E.area.sum() == pytest.approx(expected(v, n[0], ρ, θ), rel=1e-9)
+
+
+def test_tracked_points_lie_on_the_smooth_surface():
+    """A sheet rolled up, tracked on the coarse mesh: flat triangles lie inside the roll by their sagitta, the points of a tracker do not."""
+    garment, R = panel(280, 0.4, 0.5), 0.2
+
+    def rolled(x):
+        return np.stack([R * np.sin(x[:, 0] / R), x[:, 1], R * np.cos(x[:, 0] / R)], 1)
+
+    fine, true = rolled(garment.fine.rest), rolled(garment.coarse.rest)
+    flat, smooth = (np.linalg.norm(y - true, axis=1) for y in (garment.resampled(fine), garment.tracked(fine)))
+    assert np.median(flat) > 5e-5
+    assert np.median(smooth) < 0.1 * np.median(flat)
+    assert smooth.max() < flat.max()

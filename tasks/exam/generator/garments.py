@@ -1,6 +1,6 @@
 """Garments in two meshes of one pattern: the fine one that is simulated, and the coarse one on which a tracker reports it.
 
-Every coarse vertex is a point of the fine surface, found by its place in the pattern.
+Every coarse vertex is a point of the smooth surface through the fine vertices, found by its place in the pattern.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.exam.generator.pattern_mesh import FlatMesh, Pattern, flat_mesh, locate
-from tasks.geometry.meshes import edges
+from tasks.geometry.meshes import edges, vertex_normals
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -41,9 +41,22 @@ class Garment:
     weights: Array
     uv: Array | None
 
-    def resampled(self, x: Array) -> Array:
-        """Fine positions [..., V, 3] on the coarse mesh [..., C, 3]."""
-        return np.einsum("...ckd,ck->...cd", x[..., self.corners, :], self.weights)
+    def resampled(self, field: Array) -> Array:
+        """A field [V, K] of the fine mesh on the coarse one [C, K], linear within triangles."""
+        return np.einsum("ckd,ck->cd", field[self.corners], self.weights)
+
+    def tracked(self, x: Array) -> Array:
+        """Positions [C, 3] of the coarse vertices on the smooth surface through the fine ones, x [V, 3]: with p = Σ bᵢ xᵢ in the flat triangle,
+
+            y = p − ½ Σ bᵢ nᵢ (nᵢ·(p − xᵢ))
+
+        Where the surface is quadratic flat triangles lie as far inside as tangent planes lie outside, so that their mean is exact. Without it every
+        vertex would lie inside by up to |edge|² curvature/8, each by another share: wrinkles that no cloth has, for which only bending could answer.
+        """
+        n = vertex_normals(x, self.fine.faces)[self.corners]
+        p = self.resampled(x)
+        height = np.einsum("ckd,ckd->ck", p[:, None] - x[self.corners], n)
+        return p - 0.5 * np.einsum("ck,ck,ckd->cd", self.weights, height, n)
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def _beside_base(subject: Subject, true: Conditions, base: Conditions) -> tuple[
         squares += np.sum((stepper.accelerations(state) - other.accelerations(state)) ** 2, 1)
         stepper.contact.normal_force = normal_force
     squares[subject.garment.fine.pinned] = 0
-    return np.stack(x), start, np.sqrt(subject.reported(squares[:, None])[:, 0] / FRAMES)
+    return np.stack(x), start, np.sqrt(subject.garment.resampled(squares[:, None])[:, 0] / FRAMES)
 
 
 def _tracked(subject: Subject, c: Conditions, recording: int, x: Array) -> Array:

@@ -80,8 +80,8 @@ class Subject:
         return stepper.rest(self.scenes[recording].carried(stepper.world.sheet.rest)(0.0))
 
     def reported(self, x: Array) -> Array:
-        """Positions [..., V, 3] of either sheet on the coarse mesh."""
-        return x if x.shape[-2] == len(self.garment.coarse.rest) else self.garment.resampled(x)
+        """Positions [V, 3] of either sheet on the coarse mesh."""
+        return x if len(x) == len(self.garment.coarse.rest) else self.garment.tracked(x)
 
 
 def drawn_subject(q: Question, rng: np.random.Generator) -> Subject:
