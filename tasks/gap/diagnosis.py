@@ -21,7 +21,7 @@ from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
 from tasks.gap.held_out import Shrinkage, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import Refitted, corrected_model
+from tasks.gap.refits import Refitted, comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.trials import Trials
@@ -38,7 +38,8 @@ class Diagnosis:
 
     before, after [n, V, 3] m: residuals of the windows' frames, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
     first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one;
-    replayed: the base over whole recordings.
+    replayed: the base over whole recordings. named: the model for motions not seen: with the named effect, unless whole recordings replayed with it came
+    less near than the base's.
     """
 
     verdict: Verdict
@@ -100,7 +101,8 @@ def diagnose(
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
     found = _concluded(screened, decided.verdict, decided.named, train, kept, run)
-    return replace(found, pairs=decided.pairs, replayed=decided.replayed)
+    predicts = found.named if comes_nearer(decided.named, decided.replayed) else found.base
+    return replace(found, named=predicts, pairs=decided.pairs, replayed=decided.replayed)
 
 
 def _decided(trials: Trials, quick: bool) -> _Decided:

@@ -64,6 +64,11 @@ def replayed(named: Refitted, base: Sequence[BaseReplay | None], data: Gathered,
     return replace(named, hypothesis=replace(named.hypothesis, replayed=supported(of_base(base), whole)), replayed=whole)
 
 
+def comes_nearer(named: Refitted, base: Replayed) -> bool:
+    """Whether whole recordings replayed with it come as near as the base's; what cannot be replayed is not held against it."""
+    return not named.replayed.gap > base.gap
+
+
 def searched(named: Refitted) -> tuple[Fitted, ...]:
     """Second effects beside a single one that was simulated: what it leaves, they may explain."""
     if named.windows is None or len(named.hypothesis.effects) != 1:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.gap.refits import Refitted, as_simulated, contenders
+from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders
+from tasks.gap.replay import Replayed
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 NOBODY = frozenset()
@@ -49,3 +50,10 @@ def test_a_twin_of_what_was_simulated_does_not_lead_by_what_it_was_before():
     assert told[drag.name] is worse and told[damping.name].strengths == damping.strengths
     assert worse.evidence - 0.1 < told[damping.name].evidence < worse.evidence
     assert told[damping.name].forcing == 0.5
+
+
+def test_only_what_came_nearer_over_whole_recordings_predicts_others():
+    base = Replayed(4e-6, 1e-6)
+    nearer, further = (Refitted(None, None, (), None, Replayed(gap, 1e-6)) for gap in (3e-6, 5e-6))
+    assert comes_nearer(nearer, base) and not comes_nearer(further, base)
+    assert comes_nearer(Refitted(None, None, (), None), base)  # could not be replayed
