@@ -45,6 +45,23 @@ class Cloth:
             )
         if self.uv is not None and self.uv.shape != (len(self.faces), 3, 2):
             faults.append(Fault("cloth.uv", f"shape {self.uv.shape}", f"Give metres per corner of each face, [{len(self.faces)}, 3, 2]."))
+        elif self.uv is not None and not faults:
+            faults += self._pattern_faults(self.uv)
+        return faults
+
+    def _pattern_faults(self, uv: Array) -> list[Fault]:
+        """Faces without area in the pattern, and faces folded over their neighbour."""
+        area = _signed_areas(uv)
+        if not np.isfinite(uv).all():
+            return [Fault("cloth.uv", "values that are not finite", "Repair them.")]
+        faults, flat = [], np.flatnonzero(np.abs(area) <= 1e-12 * np.ptp(uv, axis=(0, 1)).max() ** 2)
+        if len(flat):
+            faults.append(Fault("cloth.uv", f"{len(flat)} faces have no area in the pattern, the first is face {flat[0]}", "Repair it."))
+        folded = _folds(self.faces, uv, area)
+        if len(folded):
+            faults.append(
+                Fault("cloth.uv", f"{len(folded)} faces are turned over next to a neighbour, the first is face {folded[0]}", "Unfold it.")
+            )
         return faults
 
     @property
@@ -52,8 +69,7 @@ class Cloth:
         """Areas of the faces at rest [F] m²; of the pattern where there is one."""
         if self.uv is None:
             return face_areas(self.x_rest, self.faces)
-        a, b = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
-        return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+        return np.abs(_signed_areas(self.uv))
 
     @property
     def vertex_areas(self) -> Array:
@@ -64,6 +80,25 @@ class Cloth:
     def hinges(self) -> Indices:
         """Interior edges with their opposite corners [H, 4]."""
         return hinges(self.faces)
+
+
+def _signed_areas(uv: Array) -> Array:
+    """Areas [F] m² of the pattern's faces, negative where it is seen from behind."""
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+
+
+def _folds(faces: Indices, uv: Array, area: Array) -> Indices:
+    """Faces whose pattern turns the other way than a neighbour's across an edge that both lay in the same place."""
+    corner = np.array([[0, 1], [1, 2], [2, 0]])
+    edge, place = faces[:, corner].reshape(-1, 2), uv[:, corner].reshape(-1, 2, 2)
+    turned = edge[:, 0] > edge[:, 1]
+    edge[turned], place[turned] = edge[turned, ::-1], place[turned, ::-1]
+    order = np.lexsort(edge.T)
+    one, two = order[:-1], order[1:]
+    shared = (edge[one] == edge[two]).all(1) & np.isclose(place[one], place[two], atol=1e-9).all((1, 2))
+    clash = shared & (area[one // 3] * area[two // 3] < 0)
+    return np.unique(np.maximum(one[clash] // 3, two[clash] // 3))
 
 
 @dataclass(frozen=True)

@@ -63,10 +63,14 @@ class ContactSurface:
         self._candidates = None
         self._near = None
 
-    def free_step(self, X: Array, Y: Array) -> float:
-        """Largest share of the segment X → Y that stays free of contact (`prepare` was called for it); 1 when all of it does."""
-        assert self._candidates is not None
-        return self._candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset, self._ccd)
+    def free_step(self, X: Array, Y: Array, candidates: ipctk.Candidates | None = None) -> float:
+        """Largest share of the segment X → Y that stays free of contact (`prepare` was called for it); 1 when all of it does.
+
+        Other candidates than the prepared ones may be given.
+        """
+        candidates = candidates or self._candidates
+        assert candidates is not None
+        return candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset, self._ccd)
 
     def pairs(self, X: Array) -> ipctk.NormalCollisions:
         """Pairs closer than offset + d̂ at X, which lies on the prepared segment if there is one."""

@@ -30,12 +30,16 @@ DONE = 1 - 1e-9  # share of the prescribed motion that counts as all of it
 
 @dataclass(frozen=True)
 class Solution:
-    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations and the residual acceleration [m/s²] it ended with."""
+    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations and the residual acceleration [m/s²] it ended with.
+
+    collider [C, 3]: where it stands if it was left short of its target.
+    """
 
     x: Array
     ending: str
     iterations: int
     residual: float
+    collider: Array | None = None
 
     @property
     def converged(self) -> bool:
@@ -187,11 +191,11 @@ def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array, conv
     fixed = np.zeros_like(x)
     fixed[problem.boundary] = Δb
     factor, terms = problem.factorise(x, step, convexity)
-    g = problem.gradient(x, step) + _times(terms, fixed, Δc)
+    g = problem.gradient(x, step) + times(terms, fixed, Δc)
     return problem.system.scatter(factor.solve(-problem.system.gather(g))) + fixed
 
 
-def _times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
+def times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
     """Product [V, 3] of the Hessians with a motion of cloth dx [V, 3] and collider dc [C, 3]."""
     total = np.zeros_like(dx)
     for term in terms:
@@ -205,7 +209,7 @@ def _times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
 def _relax(problem: Problem, x: Array, step: Step, convexity: Convexity) -> tuple[Array, int]:
     """A few plain Newton steps with everything prescribed held, so that gaps open again."""
     for iteration in range(3):
-        x, moved = _newton_step(problem, x, step, problem.gradient(x, step), convexity)
+        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step), convexity)
         if moved > 0.5:
             return x, iteration + 1
     return x, 3
@@ -213,7 +217,7 @@ def _relax(problem: Problem, x: Array, step: Step, convexity: Convexity) -> tupl
 
 def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, convexity: Convexity | None = None) -> Solution:
     """From x [V, 3] where boundary and collider are at their targets already; `iterations` have been spent on that."""
-    convexity = convexity or Convexity()
+    convexity, energy = convexity or Convexity(), None
     while True:
         g = problem.gradient(x, step)
         residual = problem.residual(g)
@@ -221,7 +225,7 @@ def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, convex
             return Solution(x, CONVERGED, iterations, residual)
         if iterations >= problem.most_iterations:
             return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
-        x_next, share = _newton_step(problem, x, step, g, convexity)
+        x_next, share, energy = _newton_step(problem, x, step, g, convexity, energy)
         iterations += 1
         if share == 0:
             return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
@@ -230,8 +234,10 @@ def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, convex
         x = x_next
 
 
-def _newton_step(problem: Problem, x: Array, step: Step, g: Array, convexity: Convexity) -> tuple[Array, float]:
-    """x after one step and the share of it that was taken."""
+def _newton_step(
+    problem: Problem, x: Array, step: Step, g: Array, convexity: Convexity, energy: float | None = None
+) -> tuple[Array, float, float]:
+    """x after one step, the share of it that was taken, and the energy there; `energy`: that at x, if it is known."""
     factor, _ = problem.factorise(x, step, convexity)
     p = problem.system.scatter(factor.solve(-problem.system.gather(g)))
     surface = problem.surface
@@ -239,15 +245,15 @@ def _newton_step(problem: Problem, x: Array, step: Step, g: Array, convexity: Co
     surface.prepare(X, Y)
     share = surface.free_step(X, Y)
     slope = float(np.sum(g * p))
-    energy = problem.energy(x, step)
+    energy = problem.energy(x, step) if energy is None else energy
     while share > 1e-8:
         y = x + share * p
-        change = problem.energy(y, step) - energy
+        there = problem.energy(y, step)
         # once the promised change drowns in rounding, the energy can no longer judge the step
-        if change <= 1e-4 * share * slope or -slope < 1e-11 * abs(energy):
-            return y, share
+        if there - energy <= 1e-4 * share * slope or -slope < 1e-11 * abs(energy):
+            return y, share, there
         share /= 2
-    return x, 0.0
+    return x, 0.0, energy
 
 
 def _unfinished(problem: Problem, g: Array, residual: float, iterations: int) -> str:

@@ -15,6 +15,7 @@ class Settings:
     friction_velocity ε_v: slip below which friction is smoothed.
     acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it.
     velocity_tolerance: it is also done when Newton's step divided by h, root mean square, is below it (C-IPC's rule, 1e-3; 0: never).
+    solver: "exact" (newton.py), or "cipc" (cipc_newton.py: ends where C-IPC would, for comparison only; needs velocity_tolerance).
     newton_iterations: most iterations per step. halvings: how often a step that fails may be halved.
     gravity [3]. yield_collider: let a collider that pinches cloth between two of its own parts, or covers a prescribed node, give way
     there. separate_start: free a start that touches the collider by the smallest move; otherwise such a start ends the simulation with
@@ -33,6 +34,7 @@ class Settings:
     friction_velocity: float = 1e-3
     acceleration_tolerance: float = 1e-3
     velocity_tolerance: float = 0.0
+    solver: Literal["exact", "cipc"] = "exact"
     newton_iterations: int = 100
     halvings: int = 3
     gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)

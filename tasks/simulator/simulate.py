@@ -2,16 +2,18 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.faults import Fault, refuse
+from tasks.simulator import cipc_newton, newton
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.cloth import Cloth, Collider
+from tasks.simulator.doubts import doubts, fabric_faults
 from tasks.simulator.fabric import Fabric
-from tasks.simulator.newton import CONVERGED, Problem, Solution, solve
+from tasks.simulator.newton import CONVERGED, Problem, Solution
 from tasks.simulator.potential import Potential, Step
 from tasks.simulator.preflight import Separated, inspect, separate
 from tasks.simulator.settings import BASE, Settings
@@ -20,6 +22,7 @@ from tasks.simulator.time_integration import Rule, State, known, rule
 from tasks.simulator.yielding import Yielded, give_way
 
 Array = NDArray[np.float64]
+SOLVERS = {"exact": newton.solve, "cipc": cipc_newton.solve}
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,8 @@ class Frame:
     """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
-    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the
-    largest move that freed the start from the collider. `seconds`: processor time.
+    `doubts`: in frame 0, what looks wrong with the input. `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where
+    it pinched cloth; `moved` [m]: in frame 0, the largest move that freed the start from the collider. `seconds`: processor time.
     """
 
     index: int
@@ -41,6 +44,7 @@ class Frame:
     yielded: Yielded = field(default_factory=lambda: Yielded(np.empty(0)))
     moved: float = 0.0
     seconds: float = 0.0
+    doubts: tuple[Fault, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -77,10 +81,11 @@ def simulate(
     v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
     collider_motion = np.asarray(collider_motion, float).reshape(len(collider_motion), -1, 3)
     boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
-    refuse(_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0))
+    refuse([*_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0), *fabric_faults(fabric)])
     areas_of = collider_motion[0] if collider_rest is None else collider_rest
     problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
+    walk.doubts = tuple(doubts(cloth, fabric, collider, x0, collider_motion, boundary_motion, np.array(settings.gravity)))
     return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {})
 
 
@@ -100,7 +105,7 @@ def _frames(
     start = walk.start(x0, v0, collider_motion[0])
     if names or modes or motions:
         walk.columns = Tangents(walk.problem, names, modes, motions, walk.now)
-    yield walk.report(0, start.ending, 0, clock, moved=start.moved)
+    yield replace(walk.report(0, start.ending, 0, clock, moved=start.moved), doubts=walk.doubts)
     if start.ending != CONVERGED:
         return
     for i in range(1, len(collider_motion)):
@@ -115,6 +120,7 @@ class _Walk:
     """Where the simulation stands: the last two states and the last step."""
 
     columns: Tangents | None = None
+    doubts: tuple[Fault, ...] = ()
     h_previous: float | None = None
 
     def __init__(self, problem: Problem, cloth: Cloth, collider: Collider, settings: Settings) -> None:
@@ -179,7 +185,9 @@ class _Walk:
         step = known(r, self.now, self.before, collider, time)
         self.problem.system.renew()
         self.problem.surface.forget()
-        solution = solve(self.problem, self.now.x, step, boundary_target=boundary)
+        solution = SOLVERS[self.settings.solver](self.problem, self.now.x, step, boundary_target=boundary)
+        if solution.collider is not None:
+            step = replace(step, collider=solution.collider)
         if solution.converged:
             self._accept(solution, step, r, share)
         return solution

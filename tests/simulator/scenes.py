@@ -1,8 +1,10 @@
 """Small scenes that the tests of the simulator share."""
 
+import ipctk
 import numpy as np
 
-from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings, simulate
+from tasks.geometry.meshes import edges
+from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Frame, Settings, simulate
 from tasks.simulator.settings import BASE
 
 
@@ -54,3 +56,15 @@ def run(cloth: Cloth, fabric: Fabric, motions: dict, *, fps: float = 25.0, setti
     frames = list(simulate(cloth, fabric, fps=fps, settings=settings, **motions, **others))
     assert frames[-1].converged, frames[-1].ending
     return frames
+
+
+def crosses(frame: Frame, cloth: Cloth, collider_faces: np.ndarray) -> bool:
+    """Exact test of ipctk on cloth and collider; pairs of collider and collider left out."""
+    V = len(frame.x)
+    X = np.asfortranarray(np.concatenate([frame.x, frame.collider]))
+    F = np.asfortranarray(np.concatenate([cloth.faces, collider_faces + V]).astype(np.int32))
+    mesh = ipctk.CollisionMesh(X, np.asfortranarray(edges(F)), F)
+    mesh.can_collide = ipctk.make_vertex_patches_filter(
+        np.concatenate([np.arange(1, V + 1), np.zeros(len(frame.collider))]).astype(np.int32)
+    )
+    return ipctk.has_intersections(mesh, X)

@@ -1,4 +1,7 @@
-"""C-IPC's recorded frames are solutions of our equations in its settings: Newton's method started there hardly moves."""
+"""C-IPC's recorded frames are solutions of our equations in its settings: Newton's method started there hardly moves.
+
+And its Newton loop, followed from the frame before, ends where it ended after as many iterations.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +11,7 @@ import pytest
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.newton import minimise
 from tasks.simulator.time_integration import State, known, rule
-from tests.benchmarks.simulator import AS_CIPC, DATA, recording
+from tests.benchmarks.simulator import AS_CIPC, DATA, LIKE_CIPC, recording, share_done, step_of
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="no recordings: set PHYSAVATAR_REAL_DATA")
 
@@ -33,3 +36,18 @@ def test_a_frame_is_a_solution(name, k):
 )
 def test_and_of_no_other_fabric(name, k, change):
     assert distance(name, k, **change) > 0.2
+
+
+@pytest.mark.parametrize(("name", "k", "iterations"), [("skirt_base", 6, 25), ("sphere_1600", 5, 18)])
+def test_the_path_ends_where_it_ended(name, k, iterations):
+    frame, end = step_of(name, k, LIKE_CIPC), recording(name)[3][k + 1]
+    assert frame.newton_iterations == iterations
+    assert 1e3 * np.sqrt(np.mean(np.sum((frame.x - end) ** 2, 1))) < 0.002
+
+
+def test_the_share_of_the_way_that_prescribed_nodes_went():
+    """Of the recording, and of a way whose share is known."""
+    c = recording("skirt_base")[4]
+    assert share_done(c[0], c[6], c[7]) == pytest.approx(0.99088, abs=2e-5)
+    turn = np.array([[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]])
+    assert share_done(c[0], c[0], c[0] + 0.994 * (c[0] @ turn.T - c[0])) == pytest.approx(0.994, abs=1e-4)

@@ -1,25 +1,11 @@
 """Cloth never crosses anything; starts and colliders that would make it are repaired, or named."""
 
-import ipctk
 import numpy as np
 import pytest
 
 from tasks.geometry.faults import BadInput
-from tasks.geometry.meshes import edges
 from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
-from tests.simulator.scenes import run, sheet, sphere, still
-
-
-def crosses(frame, cloth, collider_faces):
-    """Exact test of ipctk on cloth and collider; pairs of collider and collider left out."""
-    V = len(frame.x)
-    X = np.asfortranarray(np.concatenate([frame.x, frame.collider]))
-    F = np.asfortranarray(np.concatenate([cloth.faces, collider_faces + V]).astype(np.int32))
-    mesh = ipctk.CollisionMesh(X, np.asfortranarray(edges(F)), F)
-    mesh.can_collide = ipctk.make_vertex_patches_filter(
-        np.concatenate([np.arange(1, V + 1), np.zeros(len(frame.collider))]).astype(np.int32)
-    )
-    return ipctk.has_intersections(mesh, X)
+from tests.simulator.scenes import crosses, run, sheet, sphere, still
 
 
 def test_drop_on_a_sphere_crosses_nothing():

@@ -114,3 +114,15 @@ def test_catenary():
     end = run(cloth, fabric, motions, fps=4, settings=settings, x0=x0)[-1].x
     a = brentq(lambda a: 2 * a * np.sinh(0.2 / a) - 0.6, 0.05, 10)
     assert -end[:, 1].min() == pytest.approx(a * (np.cosh(0.2 / a) - 1), rel=0.01)
+
+
+def test_order_in_mesh_size():
+    """Sag of a sheet held along its rim, against the mesh: second order, as linear triangles are."""
+    fabric, settings = Fabric(membrane=50, bending=0.01), Settings(integrator="backward_euler", substeps=1, acceleration_tolerance=1e-5)
+    sag = []
+    for n in (5, 9, 17):
+        x, faces = sheet(n, n, length=0.5, width=0.5)
+        rim = np.flatnonzero((x[:, [0, 2]] % 0.5 < 1e-9).any(1))
+        cloth = Cloth(x, faces, rim)
+        sag.append(-run(cloth, fabric, still(8, cloth), fps=SLOW, settings=settings)[-1].x[n * n // 2, 1])
+    assert sag[2] > 0.005 and np.log2(abs((sag[0] - sag[1]) / (sag[1] - sag[2]))) == pytest.approx(2, abs=0.5)
