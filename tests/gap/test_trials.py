@@ -1,0 +1,74 @@
+"""Which simulations the leading hypothesis gets: again while its strength moves, afresh where it leaves much."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.gap import trials
+from tasks.gap.refits import Refitted
+from tasks.gap.trials import AGAIN, Trials
+from tests.gap.test_hypotheses import EFFECTS, windows
+
+FRICTION = "contact_friction"
+
+
+class Rehearsed(Trials):
+    """Trials whose simulations are written down: what each finds follows from the fabric it starts at."""
+
+    def __init__(self, monkeypatch, *, doubt, finds):
+        w = windows(np.random.default_rng(0), truth={FRICTION: 0.3})
+        hypotheses = tuple(sorted((w.fit([e]) for e in EFFECTS), key=lambda h: -h.evidence))
+        self.screened = SimpleNamespace(hypotheses=hypotheses)
+        self.train, self.effects, self.run, self.tell = None, EFFECTS, map, print
+        self.first = SimpleNamespace(name="first")
+        self.alike, self.after, self.replayed = frozenset(), {}, SimpleNamespace(something_missing=0.0)
+        self.asked, self.finds, self.left = [], finds, doubt
+        monkeypatch.setattr(trials, "by_contact", lambda *_: [])
+
+    def simulate(self, hypothesis, start=None):
+        origin = getattr(start, "name", "base")
+        self.asked.append((hypothesis.name, origin))
+        strength, evidence = self.finds(hypothesis.name, origin)
+        (weight,) = hypothesis.weights
+        found = replace(
+            hypothesis,
+            strengths=dict.fromkeys(hypothesis.strengths, strength),
+            weights=(replace(weight, likelihood=evidence, prior=0.0),),
+            base=np.zeros(2),
+        )
+        told = {e.name: hypothesis.θ(e) for e in hypothesis.effects}
+        model = SimpleNamespace(name=f"{origin}+", strength=lambda e: told[e.name])
+        return Refitted(found, model, (), windows=())
+
+    def doubt(self, pairs=()):
+        return self.left
+
+
+@pytest.mark.parametrize(("grows", "times"), [(1.0, 0), (1.02, 0), (1.5, AGAIN)])
+def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, grows, times):
+    strength = {FRICTION: 0.3}
+
+    def finds(name, origin):
+        strength[name] = strength.get(name, 0.3) * grows
+        return strength[name], 20.0 if name == FRICTION else 1.0
+
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=finds)
+    strength[FRICTION] = t.leader.strengths[FRICTION]
+    t.settle(1)
+    assert t.asked[0] == (FRICTION, "base")
+    assert len(t.asked) == 1 + times
+    assert all(origin == "base" + "+" * k for k, (_, origin) in enumerate(t.asked))
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_better_one_stays(monkeypatch, better):
+    def finds(name, origin):
+        return 0.3, (10.0 + 5.0 * better if origin.startswith("first") else 12.0) if name == FRICTION else 1.0
+
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
+    t.settle(1)
+    assert [origin for _, origin in t.asked[:3]] == ["base", "first", "first+"]
+    assert sum(origin == "first" for _, origin in t.asked) == 1
+    assert t.leader.evidence == (15.0 if better else 12.0)
