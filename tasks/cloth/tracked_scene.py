@@ -84,7 +84,7 @@ def tracked_scene(
     if noise_cov is not None:
         noise = np.sqrt(np.maximum(np.trace(noise_cov, axis1=2, axis2=3), 1e-10) / 3)
     collider, motion, drawn = _collider(track, x, body, cloth, float(np.median(noise)))
-    driven = {"tracked": quieted(x[:, nodes], float(np.median(noise)) if measured else 0.0)}
+    driven = {"tracked": quieted(x[:, nodes], float(np.median(noise)) if measured else 0.0, cloth.x_rest[nodes])}
     if body is not None and len(nodes):
         driven["skinned"] = carried(x[0, nodes], body, track.collider_faces)
     scene = Scene(

@@ -78,7 +78,9 @@ def one_twin(seed: int) -> dict[str, Any]:
     """One twin fitted by the default method: logarithms of estimate over truth, half-widths of their 90 % intervals, seconds."""
     made = kept_twin(seed)
     clock = time.process_time()
-    scene = started_well(replace(made.scene, boundary_motion=quieted(made.scene.boundary_motion, NOISE)), START)
+    cloth = made.scene.cloth
+    driven = quieted(made.scene.boundary_motion, NOISE, cloth.x_rest[cloth.boundary])
+    scene = started_well(replace(made.scene, boundary_motion=driven), START)
     found = fit_windows(scene, START)
     ratio = np.log([found.fabric.membrane / made.fabric.membrane, found.fabric.bending / made.fabric.bending])
     width = found.normal.quantile * np.sqrt(np.diag(found.covariance))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.cloth.driven_motion import quieted
+from tasks.cloth.driven_motion import _poses, quieted
 from tasks.geometry.rotations import matrix_from_axis_angle
 
 
@@ -28,6 +28,45 @@ def test_the_noise_of_a_rigid_border_is_averaged_away():
     found = quieted(noisy, 1e-3)
     assert rms_mm(found - truth) < 0.35  # 1 mm went in; what stays is the mean shape's, σ/√T, and the pose's, σ/√B
     assert rms_mm(acceleration(found - truth)) < 0.35 * rms_mm(acceleration(noisy - truth))
+
+
+def still_shape(truth: np.ndarray) -> np.ndarray:
+    """What noise made of the mean shape: the part of an error that stays in the ring's own frame, root mean square over frames."""
+    rest = ring(1)[0] - ring(1)[0].mean(0)
+    centre, R = _poses(truth, rest)
+    return np.einsum("tji,tbj->tbi", R, truth - centre[:, None]).mean(0) - rest
+
+
+def test_a_shape_known_at_rest_keeps_no_wrinkles_of_noise():
+    truth, rest = ring(), 2.0 + ring(1)[0] @ matrix_from_axis_angle(np.array([0.3, 1.0, 0.2]))
+    noisy = truth + np.random.default_rng(4).normal(scale=1e-3, size=truth.shape)
+    with_rest, without = (rms_mm(still_shape(quieted(noisy, 1e-3, r))) for r in (rest, None))
+    assert without > 0.15 and with_rest < 0.3 * without
+
+
+def test_a_shape_that_is_not_the_one_at_rest_stays():
+    truth = ring()
+    noisy = truth + np.random.default_rng(5).normal(scale=1e-3, size=truth.shape)
+    elsewhere = ring(1)[0] * (1.05, 1.0, 0.95)
+    first = noisy[0]  # a rest shape that is no better known than one frame
+    for rest in (elsewhere, first):
+        assert rms_mm(quieted(noisy, 1e-3, rest) - truth) < 1.1 * rms_mm(quieted(noisy, 1e-3) - truth)
+
+
+def test_poses_do_not_jitter():
+    """Each pose averages its frame alone: what is left of a rigid ring's noise jumps from frame to frame unless it is smoothed in time."""
+    truth = ring()
+    noisy = truth + np.random.default_rng(0).normal(scale=1e-3, size=truth.shape)
+    single = 1e-3 * np.sqrt(2 / truth.shape[1])  # of a pose, per coordinate
+    found = quieted(noisy, 1e-3) - truth
+    assert np.sqrt(np.mean(acceleration(found) ** 2)) < 0.8 * np.sqrt(6) * 25**2 * single
+
+
+def test_a_jolt_is_not_smoothed_away():
+    truth = ring()
+    truth[12:] += (0.02, 0, 0)
+    noisy = truth + np.random.default_rng(3).normal(scale=1e-3, size=truth.shape)
+    assert rms_mm(quieted(noisy, 1e-3) - truth) < 0.45
 
 
 def test_a_border_that_breathes_keeps_its_motion():

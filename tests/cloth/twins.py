@@ -1,11 +1,12 @@
 """Twins: a short skirt on a swaying trunk, made on a finer mesh with half the time step, observed on a coarser one with 1 mm of noise.
 
-The coarser mesh is that of a tracker: its vertices are points of the finer one, in the pattern as in every frame.
+The coarser mesh is that of a tracker: its vertices are points of the smooth surface through those of the finer one, in the pattern as in every frame.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
@@ -123,14 +124,15 @@ def twin(
 
 
 def resampled(x, fine, coarse):
-    """The surface of the fine cone [T, V, 3] at the vertices of the coarse one, by ring and angle."""
+    """The smooth surface through the fine cone's vertices [T, V, 3] at the vertices of the coarse one, by ring and angle: cubic splines.
+
+    Points of its flat triangles would lie inside by up to |edge|² curvature/8, others in every ring: wrinkles as short as the mesh, for which
+    nothing but bending could answer.
+    """
     (R, A), (r, a) = fine, coarse
-    u, w = np.linspace(0, R - 1, r), np.arange(a) * A / a
-    i, j = np.minimum(u.astype(int), R - 2), w.astype(int)
-    p, q = (u - i)[:, None, None], (w - j)[None, :, None]
     g = x.reshape(len(x), R, A, 3)
-    corner = {(m, n): g[:, (i + m)[:, None], ((j + n) % A)[None, :]] for m in (0, 1) for n in (0, 1)}
-    return ((1 - p) * ((1 - q) * corner[0, 0] + q * corner[0, 1]) + p * ((1 - q) * corner[1, 0] + q * corner[1, 1])).reshape(len(x), -1, 3)
+    around = CubicSpline(np.arange(A + 1), np.concatenate([g, g[:, :, :1]], 2), axis=2, bc_type="periodic")(np.arange(a) * A / a)
+    return CubicSpline(np.arange(R), around, axis=1)(np.linspace(0, R - 1, r)).reshape(len(x), -1, 3)
 
 
 def handkerchief(seed: int, *, frames: int = 24, settings: Settings, fabric: Fabric, coarse: int = 12, fine: int = 16) -> Twin:
