@@ -36,6 +36,11 @@ class Tracker:
     white: float
     dropped: float
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors of a point [m]."""
+        return float(np.sqrt(3) * self.sigma)
+
 
 @dataclass(frozen=True)
 class Subject:
