@@ -13,6 +13,7 @@ from flows.endings import OK, STAGE_FAILED
 
 app = App(name="exam", help="The blind check of the diagnosis.")
 Split = Literal["open", "sealed"]
+Engine = Literal["own", "mujoco"]
 OUT, ERR = Console(), Console(stderr=True)
 
 
@@ -22,6 +23,8 @@ def exam(
     cases: int = 160,
     seed: int = 0,
     split: Split = "open",
+    engine: Engine = "own",
+    at_once: int = 1,
     out: Path = Path("exam"),
     rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
     rival: Annotated[tuple[str, ...], Parameter(name="--rival", negative="")] = (),
@@ -34,20 +37,28 @@ def exam(
     cases: How many; the full exam has 160.
     seed: Which set of cases.
     split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+    engine: Whose engine moves the cloth. mujoco is installed on first use, in an environment of its own below the cache folder.
+    at_once: How many cases at a time, each in a process of its own.
     out: Folder of this exam.
     rivals: Let all rivals answer as well; slow ones a third of the cases.
     rival: Names of rivals that answer as well.
     json_: Machine-readable JSON on stdout.
     """
     from flows import exam as blind
+    from flows import exam_engine
     from flows.exam_rival import chosen
     from tasks.exam.rivals import library
     from tasks.exam.scorer.page import page
 
-    folder = out / f"{split}-{seed}" if split == "open" else out / f"sealed-{seed}-{blind.version()[:12]}"
-    sitting = blind.Exam(blind.Folder(folder), cases, seed, split)
+    def say(line: str) -> None:
+        ERR.print(line, markup=False, highlight=False)
+
+    if engine != "own":
+        exam_engine.prepare(say)
+    folder = out / blind.folder_name(seed, split, engine)
+    sitting = blind.Exam(blind.Folder(folder), cases, seed, split, engine)
     beside = chosen(tuple(library.rivals()) if rivals else rival)
-    result = blind.sit(sitting, rivals=beside, say=lambda line: ERR.print(line, markup=False, highlight=False))
+    result = blind.sit(sitting, rivals=beside, spread=blind.in_turn if at_once == 1 else blind.at_once(at_once), say=say)
     (folder / "exam.html").write_text(page(result))
     (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
@@ -108,17 +119,25 @@ def rival(
 def _show(result: dict[str, Any]) -> None:
     from tasks.exam.scorer.beside import columns
 
-    table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold")
-    for f in result["figures"]:
-        spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
-        table.add_row(f["metric"], _number(f["value"]), spread, str(f["cases"]))
-    OUT.print(table)
+    _show_figures(result)
+    for apart in result["apart"].values():
+        _show_figures(apart)
     if result["rivals"]:
         beside = columns(result)
         table = Table("metric", *beside, box=None, header_style="bold")
         for f in result["figures"]:
             table.add_row(f["metric"], *(_number(values.get(f["metric"])) for values in beside.values()))
         OUT.print(table)
+
+
+def _show_figures(result: dict[str, Any]) -> None:
+    from tasks.exam.scorer.engine import heading
+
+    table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold", title=heading(result), title_justify="left")
+    for f in result["figures"]:
+        spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
+        table.add_row(f["metric"], _number(f["value"]), spread, str(f["cases"]))
+    OUT.print(table)
 
 
 def _number(value: float | None) -> str:

@@ -7,6 +7,9 @@
 
 An open exam takes its seed from the user and serves tuning. The seed of a sealed one is drawn from the code that is examined: whoever changes
 the code gets other questions. Every sealed attempt is added to the scoreboard, and what may be quoted is the pool of all attempts of a version.
+
+A case is a task: made, diagnosed and answered by rivals on its own. `spread` says where tasks run; their files are the checkpoints, so that
+whoever comes next goes on where the last one stopped, wherever that was.
 """
 
 import hashlib
@@ -19,26 +22,33 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from tasks.exam.generator.making import Made, make
-from tasks.exam.generator.strata import Question, questions
+from flows import exam_engine
+from flows.exam_scoreboard import OWN, SCOREBOARD, result
+from tasks.child_process import run_in_children
+from tasks.exam.generator import other_engine
+from tasks.exam.generator.making import Once, make
+from tasks.exam.generator.recording import Made
+from tasks.exam.generator.strata import Question, engine_questions, questions
 from tasks.exam.generator.subject import Unmakeable
 from tasks.exam.rivals.rival import Rival
 from tasks.exam.scorer.case import closing, score
-from tasks.exam.scorer.summary import summary
 
 ROOT = Path(__file__).parents[1]
 EXAMINED = ("tasks/simulator", "tasks/effects", "tasks/cloth", "tasks/gap")
-SCOREBOARD = ROOT / "docs" / "exam-scoreboard.jsonl"
 OPEN_FILES = ("train-1.npz", "train-2.npz", "blind.npz")
 UNMADE = "left-out"  # file of a case that could not be made: why
 LIMIT_S = 1800  # wall-clock seconds of one diagnosis
+TASK_S = 6 * 3600.0  # of everything about one case, in a child process
 THIRD = 3  # slow rivals answer the cases whose number this divides
 Split = Literal["open", "sealed"]
+Engine = Literal["own", "mujoco"]
+Say = Callable[[str], None]
 Row = dict[str, Any]
 
 
@@ -59,6 +69,10 @@ class Folder:
     def sealed(self, number: int) -> Path:
         """What only the scorer may read; the ending of the folder above closes it to every diagnosis."""
         return self.root / "sealed.truth" / f"case-{number:04d}"
+
+    def left_out(self, number: int) -> Path:
+        """The file that says why a case could not be made."""
+        return self.case(number) / UNMADE
 
     def made(self, number: int) -> bool:
         """Whether the case is whole: its seal is written last."""
@@ -92,16 +106,41 @@ class Folder:
 
 @dataclass(frozen=True)
 class Exam:
-    """A folder, how many cases, their seed, and the split; `sealed` takes part of the seed from the examined code."""
+    """A folder, how many cases, their seed, the split, and whose engine moves the cloth; `sealed` takes part of the seed from the examined code."""
 
     folder: Folder
     count: int
     seed: int
     split: Split
+    engine: Engine = OWN
 
     def questions(self) -> list[Question]:
         """All cases of this exam."""
-        return questions(self.count, self.seed if self.split == "open" else sealed_seed(self.seed))
+        seed = self.seed if self.split == "open" else sealed_seed(self.seed)
+        return questions(self.count, seed) if self.engine == OWN else engine_questions(self.count, seed, *other_engine.NAMES_AND_OUTSIDE)
+
+    def once(self) -> Once | None:
+        """What makes a case from one draw, where that is not the generator's own engine."""
+        return None if self.engine == OWN else partial(other_engine.make_with, exam_engine.simulate)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case of an exam, and the names of the rivals that answer it too."""
+
+    exam: Exam
+    question: Question
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do."""
+        folder, number = self.exam.folder, self.question.number
+        answers = [folder.answer(number, rival) / "answer.json" for rival in (None, *self.rivals)]
+        return folder.left_out(number).exists() or (folder.made(number) and all(answer.exists() for answer in answers))
+
+
+Spread = Callable[[Sequence[Task], Say], None]
 
 
 def version(root: Path = ROOT) -> str:
@@ -117,6 +156,12 @@ def sealed_seed(seed: int, root: Path = ROOT) -> int:
     return int.from_bytes(hashlib.sha256(f"{version(root)} {seed}".encode()).digest()[:8], "big") >> 1
 
 
+def folder_name(seed: int, split: Split, engine: Engine) -> str:
+    """What the folder of an exam is called; a sealed one carries the version that it examines."""
+    parts = [split, str(seed), *([version()[:12]] if split == "sealed" else []), *([engine] if engine != OWN else [])]
+    return "-".join(parts)
+
+
 def seal(folder: Path) -> str:
     """SHA-256 over the files of a sealed folder, names and contents."""
     digest = hashlib.sha256()
@@ -125,26 +170,54 @@ def seal(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def generate(folder: Folder, wanted: Sequence[Question]) -> Iterator[tuple[int, str]]:
+def generate(folder: Folder, wanted: Sequence[Question], once: Once | None = None) -> Iterator[tuple[int, str]]:
     """Make the cases that are not there yet; yields each number and what came of it. What could not be made is not tried again: its draws would be the same."""
     for question in wanted:
-        refused = folder.case(question.number) / UNMADE
+        refused = folder.left_out(question.number)
         if folder.made(question.number):
             yield question.number, "there"
         elif refused.exists():
             yield question.number, f"left out: {refused.read_text().strip()}"
         else:
-            yield question.number, _made(folder, question, refused)
+            yield question.number, _made(folder, question, once, refused)
 
 
-def _made(folder: Folder, question: Question, refused: Path) -> str:
+def _made(folder: Folder, question: Question, once: Once | None, refused: Path) -> str:
     try:
-        folder.write(question, make(question))
+        folder.write(question, make(question, once))
     except Unmakeable as error:
         refused.parent.mkdir(parents=True, exist_ok=True)
         _replace(refused, f"{error}\n")
         return f"left out: {error}"
     return "made"
+
+
+def do(task: Task, say: Say) -> None:
+    """Make the case, let it be diagnosed, and let its rivals answer it; what is there is kept."""
+    folder, number = task.exam.folder, task.question.number
+    for _, what in generate(folder, [task.question], task.exam.once()):
+        say(f"case {number}: {what}")
+    if folder.made(number):
+        diagnose(folder, number)
+        for rival in task.rivals:
+            say(f"case {number}: {rival}")
+            diagnose(folder, number, rival)
+
+
+def in_turn(tasks: Sequence[Task], say: Say) -> None:
+    """One after the other, in this process."""
+    for task in tasks:
+        do(task, say)
+
+
+def at_once(count: int) -> Spread:
+    """So many at a time, each in a process of its own: one case is made while another is diagnosed."""
+
+    def spread(tasks: Sequence[Task], say: Say) -> None:
+        left = [(task,) for task in tasks if not task.done]
+        run_in_children(do, left, limit_s=TASK_S, at_once=count, on_message=lambda _, line: say(line))
+
+    return spread
 
 
 def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:
@@ -192,76 +265,33 @@ def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
     return score(truth, answer) | closing(prediction, held_out, truth["floor_mm"] / 1e3)
 
 
-def sit(exam: Exam, *, rivals: Sequence[Rival] = (), scoreboard: Path = SCOREBOARD, say: Callable[[str], None] = lambda _: None) -> Row:
-    """Make, diagnose and score all cases, then let rivals answer them.
+def sit(
+    exam: Exam, *, rivals: Sequence[Rival] = (), scoreboard: Path = SCOREBOARD, spread: Spread = in_turn, say: Say = lambda _: None
+) -> Row:
+    """Make, diagnose and score all cases, and let rivals answer them.
 
     Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned. Raises RuntimeError when the examined
     code was changed meanwhile: the answers would be those of no version.
     """
     wanted, began = exam.questions(), version()
-    for number, what in generate(exam.folder, wanted):
-        say(f"case {number}: {what}")
-        if exam.folder.made(number):
-            diagnose(exam.folder, number)
+    spread([Task(exam, q, tuple(rival.name for rival in rivals if answers(rival, q.number))) for q in wanted], say)
     made = [q.number for q in wanted if exam.folder.made(q.number)]
     left_out = [q.number for q in wanted if q.number not in made]
     if exam.split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}
-    attempt |= {"left_out": left_out, "cases": [mark(exam.folder, number) for number in made]}
-    attempt["rivals"] = {rival.name: _answered(exam.folder, made, rival, say) for rival in rivals}
-    if exam.split == "open":
-        return _result(exam.split, None, [attempt], left_out)
-    scoreboard.parent.mkdir(parents=True, exist_ok=True)
-    with scoreboard.open("a") as board:
-        board.write(json.dumps(attempt) + "\n")
-    return _result(exam.split, attempt["version"], attempts(scoreboard, attempt["version"]), left_out)
+    attempt |= {"engine": exam.engine, "left_out": left_out, "cases": [mark(exam.folder, number) for number in made]}
+    attempt["rivals"] = {r.name: [mark(exam.folder, n, r.name) for n in made if answers(r, n)] for r in rivals}
+    if exam.split == "sealed":
+        scoreboard.parent.mkdir(parents=True, exist_ok=True)
+        with scoreboard.open("a") as board:
+            board.write(json.dumps(attempt) + "\n")
+    return result(exam.split, attempt, scoreboard)
 
 
-def _answered(folder: Folder, numbers: Sequence[int], rival: Rival, say: Callable[[str], None]) -> list[Row]:
-    """Rows of a rival: of all cases, or of a third where it is slow."""
-    rows = []
-    for number in numbers:
-        if not rival.slow or number % THIRD == 0:
-            say(f"case {number}: {rival.name}")
-            diagnose(folder, number, rival.name)
-            rows.append(mark(folder, number, rival.name))
-    return rows
-
-
-def attempts(scoreboard: Path, of: str) -> list[Row]:
-    """All attempts of a version."""
-    lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
-    return [attempt for attempt in map(json.loads, lines) if attempt["version"] == of]
-
-
-def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, int], Row]:
-    """Rows of all attempts, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
-    first: dict[tuple[int, int], Row] = {}  # a longer exam begins with the cases of a shorter one
-    for attempt in attempts:
-        for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
-            first.setdefault((attempt["seed"], row["number"]), row)
-    return first
-
-
-def _result(split: Split, of: str | None, attempts: list[Row], left_out: list[int]) -> Row:
-    """Figures of the diagnosis; of each rival, its own and the diagnosis' on the cases that it answered."""
-    ours = pooled(attempts)
-    rivals = {}
-    for name in dict.fromkeys(name for attempt in attempts for name in attempt.get("rivals", {})):
-        theirs = pooled(attempts, name)
-        same = summary([ours[case] for case in theirs])
-        rivals[name] = {"cases": len(theirs), "figures": summary(list(theirs.values())), "ours": same, "rows": list(theirs.values())}
-    rows = list(ours.values())
-    return {
-        "split": split,
-        "version": of,
-        "cases": len(rows),
-        "left_out": left_out,
-        "figures": summary(rows),
-        "rivals": rivals,
-        "rows": rows,
-    }
+def answers(rival: Rival, number: int) -> bool:
+    """Whether a rival answers this case: slow ones answer a third."""
+    return not rival.slow or number % THIRD == 0
 
 
 def _run(command: list[str], place: Path) -> tuple[str, str, int]:

@@ -5,9 +5,12 @@ import pytest
 
 from tasks.exam.scorer.beside import columns
 from tasks.exam.scorer.case import area_under_curve, closing, credit, most_changed, score
+from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
 from tasks.exam.scorer.page import page
 from tasks.exam.scorer.summary import calibration_error, summary
+
+OWN = {"split": "open", "version": None, "left_out": [], "engine": "own", "null_residual_mm": None, "too_small": [], "apart": {}}
 
 
 def truth(causes: dict[str, float], *, stratum: str = "single", withheld: str | None = None, multiple: float = 4.0) -> dict:
@@ -137,7 +140,7 @@ def test_summary_and_page_hold_every_case():
     assert figures["false attribution on nulls"]["value"] == 1
     assert figures["top-1, single effects from 2x the floor"]["cases"] == 1
     assert figures["top-1, single effects near 1x the floor"]["value"] == 0
-    result = {"split": "open", "version": None, "cases": 3, "left_out": [], "figures": summary(rows), "rivals": {}, "rows": rows}
+    result = OWN | {"cases": 3, "figures": summary(rows), "rivals": {}, "rows": rows}
     text = page(result)
     assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text and "Rivals" not in text
 
@@ -146,7 +149,7 @@ def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
     ours = [score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])), score(truth({DRAG: 1.0}), None)]
     theirs = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 1.0), (["none"], 0.0)]))
     slow = {"cases": 1, "figures": summary([theirs]), "ours": summary(ours[:1]), "rows": [theirs]}
-    result = {"split": "open", "version": None, "cases": 2, "left_out": [], "figures": summary(ours), "rows": ours}
+    result = OWN | {"cases": 2, "figures": summary(ours), "rows": ours}
     result["rivals"] = {"quick": {"cases": 2, "figures": summary(ours), "ours": summary(ours), "rows": ours}, "slow": slow}
     beside = columns(result)
     assert list(beside) == ["diagnosis (2)", "quick (2)", "diagnosis (1)", "slow (1)"]
@@ -158,3 +161,18 @@ def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
 
 def test_summary_of_nothing_is_empty_and_does_not_fail():
     assert all(f["value"] is None for f in summary([]))
+
+
+def test_of_another_engine_count_nulls_and_what_is_twice_as_large_as_they_leave_over():
+    def row(expected, magnitude=None, before=None):
+        return {"expected": expected, "magnitude_mm": magnitude, "before_mm": before}
+
+    rows = {n: row("none", before=left) for n, left in enumerate([2.0, 3.0, 10.0])}
+    rows |= {10: row("effect", 5.9), 11: row("effect", 6.1), 12: row("outside_library", 7.0)}
+    kept, residual = counted(rows)
+    assert residual == 3.0 and set(kept) == {0, 1, 2, 11, 12}
+    assert counted({10: rows[10]}) == ({}, None)
+    shown = {"engine": "mujoco", "cases": 5, "null_residual_mm": 3.0, "too_small": [10]}
+    assert heading(shown) == (
+        "cases of the mujoco engine: 5 count; the refitted base misses its nulls by 3 mm; smaller than twice that, and not counted: [10]"
+    )

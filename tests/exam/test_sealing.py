@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows import exam
+from flows import exam, exam_scoreboard
 from flows.exam_candidate import closed
-from tasks.exam.generator.making import Made
+from tasks.exam.generator.recording import Made
 from tasks.exam.generator.strata import Question
 from tasks.exam.rivals.rival import Rival
 
@@ -123,7 +123,7 @@ def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatc
 def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
     tried = []
 
-    def make(question):
+    def make(question, once):
         tried.append(question.number)
         raise exam.Unmakeable("two meshes of it differ by 12 mm")
 
@@ -144,7 +144,7 @@ def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch)
     lines = [json.loads(line) for line in board.read_text().splitlines()]
     assert len(lines) == 2 and {line["version"] for line in lines} == {exam.version()}
     assert result["cases"] == 1  # the same case twice is one case
-    assert not exam.attempts(board, "another version")
+    assert not exam_scoreboard.attempts(board, "another version")
 
 
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):
@@ -169,12 +169,10 @@ def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp
     assert result["rivals"]["guess"]["ours"] == result["figures"]
 
 
-def test_slow_rivals_answer_a_third(folder, monkeypatch):
-    asked = []
-    monkeypatch.setattr(exam, "diagnose", lambda folder, number, rival: asked.append(number))
-    monkeypatch.setattr(exam, "mark", lambda folder, number, rival: {})
-    exam._answered(folder, range(10), Rival("ponder", "", "", lambda case: None, slow=True), lambda line: None)
-    assert asked == [0, 3, 6, 9]
+def test_slow_rivals_answer_a_third():
+    slow = Rival("ponder", "", "", lambda case: None, slow=True)
+    assert [n for n in range(10) if exam.answers(slow, n)] == [0, 3, 6, 9]
+    assert all(exam.answers(replace(slow, slow=False), n) for n in range(10))
 
 
 def test_attempts_from_before_there_were_rivals_are_still_read(folder, tmp_path, monkeypatch):
@@ -183,7 +181,7 @@ def test_attempts_from_before_there_were_rivals_are_still_read(folder, tmp_path,
     board, sitting = tmp_path / "board.jsonl", exam.Exam(folder, 1, 0, "sealed")
     exam.sit(sitting, scoreboard=board)
     old = json.loads(board.read_text())
-    del old["rivals"]
+    del old["rivals"], old["engine"]
     board.write_text(json.dumps(old) + "\n")
     result = exam.sit(sitting, rivals=[Rival("guess", "", "", lambda case: None)], scoreboard=board)
     assert result["cases"] == 1 and result["rivals"]["guess"]["cases"] == 1
@@ -219,3 +217,40 @@ def test_code_that_changes_during_a_sealed_exam_is_refused(folder, tmp_path, mon
     with pytest.raises(RuntimeError, match="changed during the exam"):
         exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
     assert not board.exists()
+
+
+def test_a_task_is_done_when_its_case_is_answered_by_all_or_cannot_be_made(folder):
+    task = exam.Task(exam.Exam(folder, 1, 0, "open"), QUESTION, ("chance",))
+    for rival in (None, "chance"):
+        assert not task.done
+        folder.answer(7, rival).mkdir(parents=True)
+        (folder.answer(7, rival) / "answer.json").write_text("null")
+    assert task.done
+    other = replace(task, question=replace(QUESTION, number=8))
+    assert not other.done
+    folder.case(8).mkdir(parents=True)
+    folder.left_out(8).write_text("it passes through itself")
+    assert other.done
+
+
+@pytest.mark.slow
+def test_tasks_in_processes_of_their_own_answer_as_in_turn_and_leave_out_what_is_done(folder, monkeypatch):
+    """The recordings are of two vertices, which the diagnosis refuses: that is an answer, too."""
+    task = exam.Task(exam.Exam(folder, 1, 0, "open"), QUESTION, ("chance",))
+    said = []
+    exam.at_once(2)([task], said.append)
+    assert said == ["case 7: there", "case 7: chance"] and task.done
+    monkeypatch.setattr(exam, "run_in_children", lambda function, arguments, **_: said.append(len(arguments)))
+    exam.at_once(2)([task], said.append)
+    assert said[-1] == 0
+
+
+def test_other_engines_stand_apart_on_the_scoreboard(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board = tmp_path / "board.jsonl"
+    theirs = exam.sit(exam.Exam(folder, 1, 0, "sealed", "mujoco"), scoreboard=board)
+    assert theirs["engine"] == "mujoco" and theirs["cases"] == 0 and theirs["too_small"] == [7]  # without a null nothing counts
+    ours = exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    assert ours["cases"] == 1 and list(ours["apart"]) == ["mujoco"] and ours["apart"]["mujoco"]["cases"] == 0
+    assert exam.folder_name(0, "open", "mujoco") == "open-0-mujoco" != exam.folder_name(0, "open", "own")

@@ -199,7 +199,7 @@ def _gusts(w: float) -> Callable[[Array, float], Array]:
     return speed
 
 
-def _tilted(θ: float, angle: float) -> tuple[float, float, float]:
+def tilted(θ: float, angle: float = 0.4) -> tuple[float, float, float]:
     """Gravity turned by θ about a horizontal axis."""
     axis = np.array([np.cos(angle), 0, np.sin(angle)])
     down = np.array([0, -1.0, 0])
@@ -212,21 +212,28 @@ def _scaled(c: Conditions, s: float) -> Conditions:
     return replace(c.made_of(rest_scale=np.exp(s) - 1), gravity=(0.0, -G * np.exp(s), 0.0))
 
 
+def relative_density(sheet: Sheet, g: float) -> Array:
+    """1 + g η [F], η from the mean height of the sheet upwards in units of its whole height."""
+    y = sheet.rest[sheet.faces, 1].mean(1)
+    return 1 + g * (y - np.average(y, weights=sheet.areas)) / np.ptp(sheet.rest[:, 1])
+
+
+def hem_mass(sheet: Sheet, per_length: float) -> Array:
+    """Mass [V] kg of a border that weighs `per_length` [kg/m], where nothing carries it."""
+    border = boundary_edges(sheet.faces)
+    pinned = np.zeros(len(sheet.rest), bool)
+    pinned[sheet.pinned] = True
+    border = border[~pinned[border].all(1)]
+    length = np.linalg.norm(sheet.rest[border[:, 0]] - sheet.rest[border[:, 1]], axis=1)
+    return np.bincount(border.ravel(), np.repeat(length / 2, 2), minlength=len(pinned)) * per_length
+
+
 def _graded(c: Conditions, g: float) -> Conditions:
-    y = c.sheet.rest[c.sheet.faces, 1].mean(1)
-    area = np.abs(np.linalg.det(c.sheet.flat[:, 1:] - c.sheet.flat[:, :1])) / 2
-    η = (y - np.average(y, weights=area)) / np.ptp(c.sheet.rest[:, 1])
-    return c.made_of(density=c.fabric.density * (1 + g * η))
+    return c.made_of(density=c.fabric.density * relative_density(c.sheet, g))
 
 
 def _hemmed(c: Conditions, width: float) -> Conditions:
-    border = boundary_edges(c.sheet.faces)
-    pinned = np.zeros(len(c.sheet.rest), bool)
-    pinned[c.sheet.pinned] = True
-    border = border[~pinned[border].all(1)]
-    length = np.linalg.norm(c.sheet.rest[border[:, 0]] - c.sheet.rest[border[:, 1]], axis=1)
-    mass = np.bincount(border.ravel(), np.repeat(length / 2, 2), minlength=len(pinned)) * width * c.density
-    return c.made_of(line_mass=c.fabric.line_mass + mass)
+    return c.made_of(line_mass=c.fabric.line_mass + hem_mass(c.sheet, width * c.density))
 
 
 def _sewn(c: Conditions, r: float) -> Conditions:
@@ -282,7 +289,7 @@ CAUSES = {
         Cause("observation_delay", "s", 0.033, 0.1, lambda c, θ: replace(c, body_late=-θ), local=True, needs=BODIES),
         Cause("observation_smoothing", "s2", 2e-3, 0.01, lambda c, θ: replace(c, smoothing=np.sqrt(θ)), moves=False),
         Cause("observation_scale", "1", 0.01, 0.05, _scaled, symmetric=True),
-        Cause("gravity_tilt", "rad", 0.03, 0.12, lambda c, θ: replace(c, gravity=_tilted(θ, 0.4))),
+        Cause("gravity_tilt", "rad", 0.03, 0.12, lambda c, θ: replace(c, gravity=tilted(θ))),
         # what the library does not have
         Cause("wind_gusts", "m/s", 1.2, 5.0, lambda c, θ: c.acting(wind(WIND_DRAG * c.density, _gusts(θ))), order=1.5),
         Cause("print_stiffness", "1", 2.0, 5.0, _printed, local=True),

@@ -29,6 +29,11 @@ class Sheet:
     pinned: Faces
     seam: Faces
 
+    @property
+    def areas(self) -> Array:
+        """Areas [F] m² of the triangles in the pattern."""
+        return np.abs(np.linalg.det(self.flat[:, 1:] - self.flat[:, :1])) / 2
+
 
 @dataclass(frozen=True)
 class Garment:

@@ -4,11 +4,13 @@ Magnitudes are root mean square displacements over the first recording between r
 mesh in other steps; the magnitude that the truth states is that of the recorded runs on the fine mesh.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.exam.generator import observation
-from tasks.exam.generator.causes import CAUSES, Conditions
+from tasks.exam.generator.causes import Cause
 from tasks.exam.generator.stepper import State, Stepper
 from tasks.exam.generator.subject import FPS, Subject, Unmakeable, states
 
@@ -37,28 +39,27 @@ def numerics(subject: Subject, plain: Array) -> tuple[float, Array]:
     return rms(x - plain), x
 
 
-def strength(subject: Subject, name: str, wanted: float, floor: float, coarse_plain: Array, sign: float) -> float:
-    """Strength at which a cause moves the garment by `wanted` [m]: one trial, a second where the first is far off.
+def strength(cause: Cause, moved: Callable[[float], float], wanted: float, floor: float, sign: float) -> float:
+    """Strength at which a cause moves the garment by `wanted` [m]; moved(θ) [m] tries one. One trial, a second where the first is far off.
 
     Where that is more than is plausible the strongest that is serves. Raises Unmakeable where even that stays below the floor.
     """
-    cause = CAUSES[name]
-    θ, base = cause.guess, subject.conditions(subject.garment.coarse)
+    θ = cause.guess
     for _ in range(2):
-        ratio = wanted / max(_moved(subject, cause.apply(base, sign * θ), coarse_plain, moves=cause.moves), 1e-7)
+        ratio = wanted / max(moved(sign * θ), 1e-7)
         needed = θ * ratio ** (1 / cause.order)
         θ = float(np.clip(needed, 0.02 * cause.guess, cause.most))
         if 0.6 < ratio < 1.7:
             break
     if needed > (wanted / min(wanted, FAINTEST * floor)) ** (1 / cause.order) * cause.most:
-        raise Unmakeable(f"{name} at its strongest stays below the floor of {1e3 * floor:.3g} mm")
+        raise Unmakeable(f"{cause.name} at its strongest stays below the floor of {1e3 * floor:.3g} mm")
     return sign * θ
 
 
-def _moved(subject: Subject, c: Conditions, plain: Array, *, moves: bool) -> float:
-    """Displacement [m] of the coarse mesh under the conditions, as it would be recorded."""
-    x = plain
-    if moves:
+def rehearsed(subject: Subject, cause: Cause, θ: float, plain: Array) -> float:
+    """Displacement [m] of the coarse mesh, whose base run is `plain`, under a cause of strength θ, as it would be recorded."""
+    x, c = plain, cause.apply(subject.conditions(subject.garment.coarse), θ)
+    if cause.moves:
         stepper = Stepper(subject.world(c, 0))
         x = np.stack([s.x for s in states(stepper, subject.still(stepper, 0), COARSE_STEPS)])
     return rms(observation.smoothed(x, FPS, c.smoothing) - plain)

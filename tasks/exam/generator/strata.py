@@ -12,6 +12,9 @@ from tasks.exam.generator.scenes import MOTIONS
 
 STRATA = {"single": 64, "pair": 24, "null": 32, "outside": 24, "inseparable": 16}
 MAGNITUDES = (1.0, 2.0, 4.0, 8.0)  # multiples of the floor
+ENGINE_STRATA = {"single": 16, "null": 6, "outside": 2}  # of another engine, whose nulls tell from which size on its effects can count
+ENGINE_MAGNITUDES = (4.0, 8.0)
+ENGINE_SEED = 4  # its own line of random numbers
 NULLS = ("plain", "wrong_base", "white_noise", "correlated_noise")
 INSEPARABLE = ("density", "body_offset", "observation_delay", "observation_scale")
 
@@ -51,15 +54,30 @@ class Question:
 
 def questions(count: int, seed: int) -> list[Question]:
     """`count` cases in the proportions of `STRATA`, strata interleaved so that any beginning of the list is a fair sample."""
-    return [_question(number, stratum, place, seed) for number, (stratum, place) in enumerate(_interleaved(count))]
+    return [_question(number, stratum, place, seed) for number, (stratum, place) in enumerate(_interleaved(count, STRATA))]
 
 
-def _interleaved(count: int) -> list[tuple[str, int]]:
-    total = sum(STRATA.values())
-    given = dict.fromkeys(STRATA, 0)
+def engine_questions(count: int, seed: int, names: tuple[str, ...], outside: tuple[str, ...]) -> list[Question]:
+    """`count` cases for an engine that can make the effects `names` and, of those that the library lacks, `outside`."""
+    cases = enumerate(_interleaved(count, ENGINE_STRATA))
+    return [_engine_question(number, stratum, place, seed, {"single": names, "outside": outside}) for number, (stratum, place) in cases]
+
+
+def _engine_question(number: int, stratum: str, place: int, seed: int, names: dict[str, tuple[str, ...]]) -> Question:
+    twist, causes = "", {}
+    if stratum == "null":
+        twist = NULLS[place % len(NULLS)]
+    else:
+        causes = {_turn(names[stratum], place, seed): ENGINE_MAGNITUDES[place % len(ENGINE_MAGNITUDES)]}
+    return drawn(Question(number, stratum, causes, None, twist, "", ("", "", ""), (seed, number, ENGINE_SEED)), 0)
+
+
+def _interleaved(count: int, strata: dict[str, int]) -> list[tuple[str, int]]:
+    total = sum(strata.values())
+    given = dict.fromkeys(strata, 0)
     order = []
     for n in range(1, count + 1):
-        stratum = max(STRATA, key=lambda s: (STRATA[s] * n / total - given[s], STRATA[s]))
+        stratum = max(strata, key=lambda s: (strata[s] * n / total - given[s], strata[s]))
         order.append((stratum, given[stratum]))
         given[stratum] += 1
     return order

@@ -36,6 +36,11 @@ class Tracker:
     white: float
     dropped: float
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors of a point [m]."""
+        return float(np.sqrt(3) * self.sigma)
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -80,8 +85,10 @@ class Subject:
         return stepper.rest(self.scenes[recording].carried(stepper.world.sheet.rest)(0.0))
 
     def reported(self, x: Array) -> Array:
-        """Positions [V, 3] of either sheet on the coarse mesh."""
-        return x if len(x) == len(self.garment.coarse.rest) else self.garment.tracked(x)
+        """Positions [V, 3] or [T, V, 3] of either sheet on the coarse mesh."""
+        if x.shape[-2] == len(self.garment.coarse.rest):
+            return x
+        return self.garment.tracked(x) if x.ndim == 2 else np.stack([self.garment.tracked(frame) for frame in x])
 
 
 def drawn_subject(q: Question, rng: np.random.Generator) -> Subject:

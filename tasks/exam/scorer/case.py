@@ -43,6 +43,7 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         "withheld": question["withheld"],
         "causes": causes,
         "multiple": truth["multiple"],
+        "magnitude_mm": truth.get("magnitude_mm"),
         "expected": expected(truth),
         "failed": answer is None,
     }

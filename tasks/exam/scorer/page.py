@@ -5,6 +5,7 @@ from html import escape
 from typing import Any
 
 from tasks.exam.scorer.beside import columns
+from tasks.exam.scorer.engine import heading
 from tasks.exam.scorer.summary import confusion
 
 STYLE = (
@@ -18,16 +19,20 @@ def page(result: Mapping[str, Any]) -> str:
     """HTML of the result of `flows.exam.sit`."""
     of = f", version {result['version'][:12]} (all attempts pooled)" if result["version"] else ""
     left = f"<p>Left out, because no garment drawn for them could be simulated: {result['left_out']}.</p>" if result["left_out"] else ""
-    figures = _table(
-        ("metric", "value", "95 %", "cases"),
-        ((f["metric"], _number(f["value"]), f"{_number(f['low'])} … {_number(f['high'])}", f["cases"]) for f in result["figures"]),
-    )
+    apart = "".join(f"<h2>{escape(heading(other))}</h2>{_figures(other)}{_matrix(other['rows'])}" for other in result["apart"].values())
     shown = ("number", "stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
     cases = _table(shown, ([_cell(r.get(c)) for c in shown] for r in result["rows"]))
     return (
         f"<!doctype html><meta charset='utf-8'><title>Blind check</title><style>{STYLE}</style><h1>Blind check of the diagnosis</h1>"
         f"<p>Split {escape(result['split'])}{of}: {result['cases']} cases. Shares carry Wilson's 95 % interval, other figures a bootstrap over cases.</p>"
-        f"{left}{figures}{_rivals(result)}<h2>What was named for what</h2>{_matrix(result['rows'])}<h2>Cases</h2>{cases}"
+        f"<p>{escape(heading(result))}.</p>{left}{_figures(result)}{_rivals(result)}<h2>What was named for what</h2>{_matrix(result['rows'])}{apart}<h2>Cases</h2>{cases}"
+    )
+
+
+def _figures(result: Mapping[str, Any]) -> str:
+    return _table(
+        ("metric", "value", "95 %", "cases"),
+        ((f["metric"], _number(f["value"]), f"{_number(f['low'])} … {_number(f['high'])}", f["cases"]) for f in result["figures"]),
     )
 
 

@@ -1,0 +1,64 @@
+"""What sealed attempts add up to: one line of JSON each, never rewritten, and figures that pool all attempts of a version and an engine."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tasks.exam.scorer.engine import counted
+from tasks.exam.scorer.summary import summary
+
+SCOREBOARD = Path(__file__).parents[1] / "docs" / "exam-scoreboard.jsonl"
+OWN = "own"  # the generator's own engine; attempts from before there was another say nothing
+Row = dict[str, Any]
+
+
+def attempts(scoreboard: Path, of: str, engine: str = OWN) -> list[Row]:
+    """All attempts of a version with cases of this engine."""
+    return [attempt for attempt in _of_version(scoreboard, of) if attempt.get("engine", OWN) == engine]
+
+
+def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, int], Row]:
+    """Rows of all attempts, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
+    first: dict[tuple[int, int], Row] = {}  # a longer exam begins with the cases of a shorter one
+    for attempt in attempts:
+        for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
+            first.setdefault((attempt["seed"], row["number"]), row)
+    return first
+
+
+def result(split: str, attempt: Row, scoreboard: Path) -> Row:
+    """Figures of this attempt's engine: of an open exam those of the attempt, of a sealed one those of its version. Other engines stand apart."""
+    if split == "open":
+        return {"split": split, "version": None, "left_out": attempt["left_out"], "apart": {}} | figures(attempt["engine"], [attempt])
+    of, engine = attempt["version"], attempt["engine"]
+    others = sorted({a.get("engine", OWN) for a in _of_version(scoreboard, of)} - {engine})
+    apart = {other: figures(other, attempts(scoreboard, of, other)) for other in others}
+    whole = {"split": split, "version": of, "left_out": attempt["left_out"], "apart": apart}
+    return whole | figures(engine, attempts(scoreboard, of, engine))
+
+
+def figures(engine: str, attempts: Sequence[Row]) -> Row:
+    """Figures of the diagnosis; of each rival, its own and the diagnosis' on the cases that it answered."""
+    pool = pooled(attempts)
+    ours, residual_mm = (pool, None) if engine == OWN else counted(pool)
+    rivals = {}
+    for name in dict.fromkeys(name for attempt in attempts for name in attempt.get("rivals", {})):
+        theirs = {case: row for case, row in pooled(attempts, name).items() if case in ours}
+        same = summary([ours[case] for case in theirs])
+        rivals[name] = {"cases": len(theirs), "figures": summary(list(theirs.values())), "ours": same, "rows": list(theirs.values())}
+    rows = list(ours.values())
+    return {
+        "engine": engine,
+        "cases": len(rows),
+        "null_residual_mm": residual_mm,
+        "too_small": [row["number"] for case, row in pool.items() if case not in ours],
+        "figures": summary(rows),
+        "rivals": rivals,
+        "rows": rows,
+    }
+
+
+def _of_version(scoreboard: Path, of: str) -> list[Row]:
+    lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
+    return [attempt for attempt in map(json.loads, lines) if attempt["version"] == of]
