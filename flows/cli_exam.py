@@ -25,6 +25,7 @@ def exam(
     split: Split = "open",
     engine: Engine = "own",
     at_once: int = 1,
+    service: Annotated[bool, Parameter(name="--service", negative="")] = False,
     out: Path = Path("exam"),
     rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
     rival: Annotated[tuple[str, ...], Parameter(name="--rival", negative="")] = (),
@@ -39,6 +40,7 @@ def exam(
     split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
     engine: Whose engine moves the cloth. mujoco is installed on first use, in an environment of its own below the cache folder.
     at_once: How many cases at a time, each in a process of its own.
+    service: Have the service's workers do them, so many at a time; they must reach the folder.
     out: Folder of this exam.
     rivals: Let all rivals answer as well; slow ones a third of the cases.
     rival: Names of rivals that answer as well.
@@ -58,7 +60,7 @@ def exam(
     folder = out / blind.folder_name(seed, split, engine)
     sitting = blind.Exam(blind.Folder(folder), cases, seed, split, engine)
     beside = chosen(tuple(library.rivals()) if rivals else rival)
-    result = blind.sit(sitting, rivals=beside, spread=blind.in_turn if at_once == 1 else blind.at_once(at_once), say=say)
+    result = blind.sit(sitting, rivals=beside, spread=_spread(at_once, service=service), say=say)
     (folder / "exam.html").write_text(page(result))
     (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
@@ -67,6 +69,20 @@ def exam(
         _show(result)
         ERR.print(f"page: {folder / 'exam.html'}", markup=False)
     return OK if result["rows"] else STAGE_FAILED
+
+
+def _spread(count: int, *, service: bool) -> Any:
+    """Where cases are worked on: here in turn, here in processes of their own, or by the service's workers."""
+    from flows import exam as blind
+
+    if not service:
+        return blind.in_turn if count == 1 else blind.at_once(count)
+    from flows.config import load
+    from flows.service.examination import over_workers
+    from flows.service.server import speak_to_server
+
+    speak_to_server(load().service)
+    return over_workers(count)
 
 
 @app.command

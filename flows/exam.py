@@ -119,6 +119,10 @@ class Exam:
         seed = self.seed if self.split == "open" else sealed_seed(self.seed)
         return questions(self.count, seed) if self.engine == OWN else engine_questions(self.count, seed, *other_engine.NAMES_AND_OUTSIDE)
 
+    def tasks(self, rivals: Sequence[Rival] = ()) -> "list[Task]":
+        """All cases, each with the rivals that answer it."""
+        return [Task(self, q, tuple(rival.name for rival in rivals if answers(rival, q.number))) for q in self.questions()]
+
     def once(self) -> Once | None:
         """What makes a case from one draw, where that is not the generator's own engine."""
         return None if self.engine == OWN else partial(other_engine.make_with, exam_engine.simulate)
@@ -273,10 +277,11 @@ def sit(
     Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned. Raises RuntimeError when the examined
     code was changed meanwhile: the answers would be those of no version.
     """
-    wanted, began = exam.questions(), version()
-    spread([Task(exam, q, tuple(rival.name for rival in rivals if answers(rival, q.number))) for q in wanted], say)
-    made = [q.number for q in wanted if exam.folder.made(q.number)]
-    left_out = [q.number for q in wanted if q.number not in made]
+    wanted, began = exam.tasks(rivals), version()
+    spread(wanted, say)
+    numbers = [task.question.number for task in wanted]
+    made = [n for n in numbers if exam.folder.made(n)]
+    left_out = [n for n in numbers if n not in made]
     if exam.split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}

@@ -3,6 +3,7 @@
 The project does not depend on it, and it not on the project: numbers go to and fro as NPZ files.
 """
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -35,9 +36,15 @@ def ready() -> bool:
 
 def prepare(say: Callable[[str], None] = lambda line: None) -> None:
     """Make the environment if it is not there. Raises Refused, naming the commands that would."""
-    if ready():
-        return
     place = environment()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with place.with_name(f"{place.name}.lock").open("w") as lock:  # several workers of a machine may come at once
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not ready():
+            _install(place, say)
+
+
+def _install(place: Path, say: Callable[[str], None]) -> None:
     say(f"installing {' '.join(PINNED)} in {place}")
     venv.create(place, with_pip=True, clear=True)
     command = [str(_python()), "-m", "pip", "install", "--disable-pip-version-check", "--quiet", *PINNED]

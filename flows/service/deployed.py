@@ -9,6 +9,7 @@ from flows.demo import DEMO, compare_with_truth
 from flows.pipeline import AVATAR
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
+from flows.service.examination import case_flow, exam_flow
 from flows.service.group import group_flow
 from flows.service.joining import helper_flow
 from flows.service.order import Scores, Service, unscored
@@ -29,4 +30,6 @@ rendering = group_flow(SERVICE, "rendering")
 helper = helper_flow(SERVICE)
 actor = actor_flow(SERVICE)
 dataset = dataset_flow(SERVICE)
+exam = exam_flow()
+case = case_flow()
 sweeper = sweeper_flow()

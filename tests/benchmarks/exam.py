@@ -1,6 +1,6 @@
 """The blind check: a sealed exam with all rivals, against the targets. This is what may be quoted.
 
-    python -m tests.benchmarks.exam     QUICK=1: a tenth     JSON=1: JSON on stdout     RIVALS=0: the diagnosis alone
+    python -m tests.benchmarks.exam     QUICK=1: a tenth     JSON=1: JSON on stdout     RIVALS=0: the diagnosis alone     ENGINE=mujoco: its 24 cases
 
 Cases and answers are kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar), in a folder of the examined code's version: a run that was
 interrupted goes on where it was. Every run is added to the scoreboard, and the figures pool all attempts of the version.
@@ -14,11 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from flows.exam import Exam, Folder, sit, version
+from flows.exam_engine import prepare
 from tasks.exam.rivals.library import rivals
 from tasks.exam.scorer.beside import columns
 
 QUICK = bool(os.environ.get("QUICK"))
-CASES, SEED = (16, 1) if QUICK else (160, 0)  # another seed: the short exam shares no case with the long one, and is pooled with it
+ENGINE = os.environ.get("ENGINE", "own")
+FULL = 160 if ENGINE == "own" else 24
+CASES, SEED = (
+    (FULL // 10, 1) if QUICK else (FULL, 0)
+)  # another seed: the short exam shares no case with the long one, and is pooled with it
 NOMINAL = 0.9
 Row = dict[str, Any]
 # metric, at least or at most, what resolves the claim, what is aimed at
@@ -41,7 +46,9 @@ COVERAGE = "90 % answer sets that hold the truth"
 
 def cache() -> Path:
     """The folder of this version's exam."""
-    return Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser() / "bench-exam" / f"sealed-{CASES}-{version()[:12]}"
+    return (
+        Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser() / "bench-exam" / f"{ENGINE}-{CASES}-{version()[:12]}"
+    )
 
 
 def table(result: Row) -> Iterator[Row]:
@@ -62,8 +69,10 @@ def table(result: Row) -> Iterator[Row]:
 
 def main() -> None:
     """Sit the exam and print metric | value | target | holds | rivals."""
+    if ENGINE != "own":
+        prepare()
     beside = [] if os.environ.get("RIVALS") == "0" else list(rivals().values())
-    result = sit(Exam(Folder(cache()), CASES, SEED, "sealed"), rivals=beside, say=lambda line: sys.stderr.write(line + "\n"))
+    result = sit(Exam(Folder(cache()), CASES, SEED, "sealed", ENGINE), rivals=beside, say=lambda line: sys.stderr.write(line + "\n"))
     rows = list(table(result))
     if os.environ.get("JSON"):
         whole = {"version": result["version"], "cases": result["cases"], "left_out": result["left_out"], "rows": rows}
