@@ -35,13 +35,16 @@ def worn_scene(
     fastening = fastened_nodes(observed, garment.faces, body, body_faces)
     driven = quieted(observed[:, fastening.nodes], float(np.median(garment.noise_m)))
     collider = fitted_collider(body, body_faces, observed, garment.faces, fastened=fastening.nodes)
-    x0 = observed[0]
+    x0 = observed[0].copy()
     uv = pattern(x0, garment.faces, uv_vertices, garment.uv_faces) if rest == "pattern" else None
+    if uv is None:  # the first frame is the rest shape, its noise included: driven nodes keep it, or the waist would be strained for ever
+        driven = driven + (x0[fastening.nodes] - driven[0])
+    x0[fastening.nodes] = driven[0]
     return Scene(
         cloth=Cloth(x0, garment.faces, fastening.nodes, uv=uv, rest_angles="worn" if uv is None else "flat"),
         collider=Collider(collider.faces),
         collider_motion=collider.motion,
-        boundary_motion=driven + (x0[fastening.nodes] - driven[0]),
+        boundary_motion=driven,
         x0=x0,
         v0=start_velocity(observed, fps),
         observed=np.where(garment.seen[..., None], observed, np.nan),
