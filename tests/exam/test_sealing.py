@@ -249,7 +249,7 @@ def test_other_engines_stand_apart_on_the_scoreboard(folder, tmp_path, monkeypat
     monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     board = tmp_path / "board.jsonl"
-    theirs = exam.sit(exam.Exam(folder, 1, 0, "sealed", "mujoco"), scoreboard=board)
+    theirs = exam.sit(exam.Exam(folder, 1, 1, "sealed", "mujoco"), scoreboard=board)
     assert theirs["engine"] == "mujoco" and theirs["cases"] == 0 and theirs["too_small"] == [7]  # without a null nothing counts
     ours = exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
     assert ours["cases"] == 1 and list(ours["apart"]) == ["mujoco"] and ours["apart"]["mujoco"]["cases"] == 0
