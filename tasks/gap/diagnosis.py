@@ -106,7 +106,10 @@ def diagnose(
 
 
 def _decided(trials: Trials, quick: bool) -> _Decided:
-    trials.settle(1 if quick else LEADERS)
+    if quick:
+        trials.settle(1, again=1)
+    else:
+        trials.settle(LEADERS)
     pairs, screened = trials.pairs(), trials.screened
     missing = trials.replayed.something_missing
     verdict = judge(trials.singles, pairs, unexplained=trials.doubt(pairs), missing=missing, cosines=trials.cosines)

@@ -58,18 +58,18 @@ class Trials:
         """The strongest of them."""
         return max(self.singles, key=with_replays(self.replayed.something_missing))
 
-    def settle(self, most: int) -> None:
-        """Simulate up to `most` contenders, then whichever leads, until it stands still."""
+    def settle(self, most: int, again: int = AGAIN) -> None:
+        """Simulate up to `most` contenders, then whichever leads up to `again` times until it stands still; afresh only where there is time for more than one."""
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
         for h in contenders(self.screened.hypotheses, seen, most, self.alike):
             self.after[h.name] = self.simulate(h)
         afresh: set[str] = set()
-        for _ in range(AGAIN):
+        for _ in range(again):
             leader = self.leader
             now = self.after.get(leader.name)
             if now is None or now.windows is None:
                 return
-            if leader.name not in afresh and self.doubt() > DOUBTFUL:
+            if again > 1 and leader.name not in afresh and self.doubt() > DOUBTFUL:
                 afresh.add(leader.name)
                 other = self._afresh(leader)
                 if other.hypothesis.evidence > now.hypothesis.evidence:

@@ -72,3 +72,15 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
     assert [origin for _, origin in t.asked[:3]] == ["base", "first", "first+"]
     assert sum(origin == "first" for _, origin in t.asked) == 1
     assert t.leader.evidence == (15.0 if better else 12.0)
+
+
+def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
+    strength = {FRICTION: 0.3}
+
+    def finds(name, origin):
+        strength[name] = strength.get(name, 0.3) * 1.5
+        return strength[name], 20.0 if name == FRICTION else 1.0
+
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
+    t.settle(1, again=1)
+    assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
