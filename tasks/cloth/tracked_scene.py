@@ -27,6 +27,7 @@ from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
 from tasks.geometry.faults import Fault, refuse
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
+from tasks.simulator.doubts import doubts
 from tasks.simulator.fabric import THICKNESS
 from tasks.simulator.settings import BASE
 
@@ -103,6 +104,7 @@ def tracked_scene(
     )
     others = [replace(scene, boundary_motion=motion) for kind, motion in driven.items() if kind != driver]
     told = (f"frames {first} to {first + len(x) - 1} of {len(track.vertices)}", *chosen, *_driven_said(driven, driver), *drawn)
+    told += tuple(f"doubtful: {d}" for d in doubts(cloth, fabric, collider, x[0], motion, driven[driver], np.array(settings.gravity)))
     return TrackedScene(scene, fabric, track.mass_kg is not None, others[0] if others else None, told)
 
 

@@ -157,7 +157,7 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
                 "log_bayes_factor": found.replayed.something_missing,
             },
             "evidence": [
-                {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights], "replayed": h.replayed}
+                {"effects": [e.name for e in h.effects], "weights": [asdict(w) for w in h.weights], "support": h.support}
                 for h in (*a.singles, *a.pairs)
             ],
             "confusability": c and {**asdict(c), "testable": c.testable},

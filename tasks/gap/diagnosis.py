@@ -29,8 +29,6 @@ from tasks.gap.verdict import Candidate, Verdict, judge, withdrawn
 
 Array = NDArray[np.float64]
 
-LEADERS = 3  # hypotheses that are refitted with the simulator
-
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -106,10 +104,7 @@ def diagnose(
 
 
 def _decided(trials: Trials, quick: bool) -> _Decided:
-    if quick:
-        trials.settle(1, again=1)
-    else:
-        trials.settle(LEADERS)
+    trials.settle(quick=quick)
     pairs, screened = trials.pairs(), trials.screened
     missing = trials.replayed.something_missing
     verdict = judge(trials.singles, pairs, unexplained=trials.doubt(pairs), missing=missing, cosines=trials.cosines)

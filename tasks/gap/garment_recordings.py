@@ -24,7 +24,7 @@ from tasks.gap.recording_faults import driven_faults, recording_faults
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
 from tasks.geometry.faults import BadInput, refuse
-from tasks.simulator import NO_COLLIDER, Collider, Settings
+from tasks.simulator import NO_COLLIDER, Cloth, Collider, Settings
 
 Array = NDArray[np.float64]
 
@@ -51,12 +51,11 @@ def garment_recordings(
     """Of files and the `names` that stand in messages. Raises BadInput with every fault of every file, a `blind` one of the same garment among them."""
     faults = [f for track, name in zip(tracks, names, strict=True) for f in recording_faults(track, name, first=tracks[0])]
     refuse(faults + (recording_faults(*blind, first=tracks[0], blind=True) if blind else []))
-    scenes = _scenes(tracks, names)
+    filled_tracks, scenes = _scenes(tracks, names)
     first = scenes[0].scene
     settings = Settings(substeps=max(1, int(np.ceil(1 / (first.fps * LONGEST_STEP) - 1e-9))), yield_collider=False)
     subject = Subject(first.cloth, scenes[0].fabric, first.collider, _zones(tracks[0], first), first.fps)
-    noise = [float(np.median(_noise(track))) for track in tracks]
-    recordings = tuple(_recording(t, quieted(s.scene.boundary_motion, σ)) for t, s, σ in zip(tracks, scenes, noise, strict=True))
+    recordings = tuple(_recording(t, _driven(whole, first.cloth)) for t, whole in zip(tracks, filled_tracks, strict=True))
     doubt = contact_sagitta(first.cloth, recordings, settings.barrier_distance)
     recordings = tuple(drawn_in(r, doubt) for r in recordings)
     return Garment(Model(subject, settings), recordings, scenes[0].chosen, replace(tracks[0], boundary=first.cloth.boundary), doubt)
@@ -67,23 +66,28 @@ def recording(track: TrackedGeometry, name: str, of: Garment, *, blind: bool = F
     driven = of.model.subject.cloth.boundary
     track = track if len(track.boundary) else replace(track, boundary=driven)
     refuse(recording_faults(track, name, first=of.first, blind=blind) or driven_faults(track, driven, name))
-    boundary = quieted(track.vertices[:, driven], float(np.median(_noise(track))))
-    return drawn_in(_recording(track, boundary), of.contact_doubt)
+    return drawn_in(_recording(track, _driven(track, of.model.subject.cloth)), of.contact_doubt)
 
 
-def _scenes(tracks: Sequence[TrackedGeometry], names: Sequence[str]) -> list[TrackedScene]:
-    """One per file, all driven at the same nodes; faults of all are told together."""
-    scenes, faults = [], []
+def _driven(track: TrackedGeometry, cloth: Cloth) -> Array:
+    """The motion [T, B, 3] m of the driven nodes, the same way for recordings that teach, that are held out and that are blind."""
+    return quieted(track.vertices[:, cloth.boundary], float(np.median(_noise(track))), cloth.x_rest[cloth.boundary])
+
+
+def _scenes(tracks: Sequence[TrackedGeometry], names: Sequence[str]) -> tuple[list[TrackedGeometry], list[TrackedScene]]:
+    """Every file without gaps, and its scene, all driven at the same nodes; faults of all are told together."""
+    whole, scenes, faults = [], [], []
     driven = next((track.boundary for track in tracks if len(track.boundary)), tracks[0].boundary)
     for track, name in zip(tracks, names, strict=True):
         try:
-            scenes.append(tracked_scene(_whole(replace(track, boundary=driven)), name=name))
+            whole.append(_whole(replace(track, boundary=driven)))
+            scenes.append(tracked_scene(whole[-1], name=name))
         except BadInput as bad:
             faults += bad.faults
             continue
         driven = scenes[0].scene.cloth.boundary
     refuse(faults)
-    return scenes
+    return whole, scenes
 
 
 def _recording(track: TrackedGeometry, boundary: Array) -> Recording:

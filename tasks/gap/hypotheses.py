@@ -77,7 +77,7 @@ class Fitted:
     """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K, K].
 
     misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect; forcing: σ_a [m/s²] that is left.
-    replayed: log Bayes factor against the base by replays of whole recordings, once it was simulated (`replay.py`).
+    support: log Bayes factor against the base by replays of whole recordings, once it was simulated (`replay.py`).
     """
 
     effects: tuple[Effect, ...]
@@ -88,7 +88,7 @@ class Fitted:
     misfits: Array
     weights: tuple[Weight, ...]
     forcing: float = 0.0
-    replayed: float | None = None
+    support: float | None = None
 
     @property
     def likelihood(self) -> float:

@@ -61,7 +61,7 @@ def replayed(named: Refitted, base: Sequence[BaseReplay | None], data: Gathered,
     if named.windows is None:
         return named
     whole = replayed_by(corrected_model(named), base, data, run)
-    return replace(named, hypothesis=replace(named.hypothesis, replayed=supported(of_base(base), whole)), replayed=whole)
+    return replace(named, hypothesis=replace(named.hypothesis, support=supported(of_base(base), whole)), replayed=whole)
 
 
 def comes_nearer(named: Refitted, base: Replayed) -> bool:
@@ -93,7 +93,7 @@ def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike
         if other is not None and other.hypothesis.weights:
             (weight,) = other.hypothesis.weights
             weights = (replace(weight, prior=weight.prior - TWIN),)
-            h = replace(h, weights=weights, forcing=other.hypothesis.forcing, replayed=other.hypothesis.replayed)
+            h = replace(h, weights=weights, forcing=other.hypothesis.forcing, support=other.hypothesis.support)
         found.append(h if own is None else own.hypothesis)
     return found
 

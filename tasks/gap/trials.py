@@ -23,6 +23,7 @@ from tasks.gap.replay import base_replays, of_base
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import twins, with_replays
 
+LEADERS = 3  # contenders that are simulated
 AGAIN = 4  # further simulations of whichever leads
 DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model
 
@@ -58,8 +59,9 @@ class Trials:
         """The strongest of them."""
         return max(self.singles, key=with_replays(self.replayed.something_missing))
 
-    def settle(self, most: int, again: int = AGAIN) -> None:
-        """Simulate up to `most` contenders, then whichever leads up to `again` times until it stands still; afresh only where there is time for more than one."""
+    def settle(self, *, quick: bool) -> None:
+        """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
+        most, again = (1, 1) if quick else (LEADERS, AGAIN)
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
         for h in contenders(self.screened.hypotheses, seen, most, self.alike):
             self.after[h.name] = self.simulate(h)
@@ -69,7 +71,7 @@ class Trials:
             now = self.after.get(leader.name)
             if now is None or now.windows is None:
                 return
-            if again > 1 and leader.name not in afresh and self.doubt() > DOUBTFUL:
+            if not quick and leader.name not in afresh and self.doubt() > DOUBTFUL:
                 afresh.add(leader.name)
                 other = self._afresh(leader)
                 if other.hypothesis.evidence > now.hypothesis.evidence:
@@ -91,7 +93,7 @@ class Trials:
 
     def doubt(self, pairs: Sequence[Fitted] = ()) -> float:
         """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
-        best = max((self.screened.windows.base, *self.singles, *pairs), key=lambda h: h.evidence + (h.replayed or 0.0))
+        best = max((self.screened.windows.base, *self.singles, *pairs), key=with_replays(0.0))
         simulated = next((self.after[e.name] for e in best.effects[:1] if e.name in self.after), None)
         left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
         return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)

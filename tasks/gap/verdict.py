@@ -109,7 +109,7 @@ def judge(
 
 def with_replays(missing: float) -> Callable[[Fitted], float]:
     """Evidence of a hypothesis with what replays say in it: its own if it was simulated, else that anything is missing; those are not tempered."""
-    return lambda h: max(h.evidence, -EXCLUDED) + (missing if h.replayed is None else h.replayed) / TEMPER
+    return lambda h: max(h.evidence, -EXCLUDED) + (missing if h.support is None else h.support) / TEMPER
 
 
 def _classes(

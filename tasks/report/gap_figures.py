@@ -219,7 +219,7 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
 
 def _with_replays(h: Fitted) -> str:
     """Name of a hypothesis, with what its replays of whole recordings add to its evidence where it was simulated."""
-    return h.name if h.replayed is None else f"{h.name}  (replays {round(h.replayed, 1) + 0.0:+.1f})"
+    return h.name if h.support is None else f"{h.name}  (replays {round(h.support, 1) + 0.0:+.1f})"
 
 
 def confusability_matrix(c: Confusability) -> Figure:

@@ -11,7 +11,7 @@ from tasks.geometry.faults import Fault, refuse
 from tasks.simulator import cipc_newton, newton
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.cloth import Cloth, Collider
-from tasks.simulator.doubts import doubts, fabric_faults
+from tasks.simulator.doubts import fabric_faults
 from tasks.simulator.fabric import Fabric
 from tasks.simulator.newton import CONVERGED, Problem, Solution
 from tasks.simulator.potential import Potential, Step
@@ -30,8 +30,8 @@ class Frame:
     """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
-    `doubts`: in frame 0, what looks wrong with the input. `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where
-    it pinched cloth; `moved` [m]: in frame 0, the largest move that freed the start from the collider. `seconds`: processor time.
+    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the
+    largest move that freed the start from the collider. `seconds`: processor time.
     """
 
     index: int
@@ -44,7 +44,6 @@ class Frame:
     yielded: Yielded = field(default_factory=lambda: Yielded(np.empty(0)))
     moved: float = 0.0
     seconds: float = 0.0
-    doubts: tuple[Fault, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -85,7 +84,6 @@ def simulate(
     areas_of = collider_motion[0] if collider_rest is None else collider_rest
     problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
-    walk.doubts = tuple(doubts(cloth, fabric, collider, x0, collider_motion, boundary_motion, np.array(settings.gravity)))
     return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {})
 
 
@@ -105,7 +103,7 @@ def _frames(
     start = walk.start(x0, v0, collider_motion[0])
     if names or modes or motions:
         walk.columns = Tangents(walk.problem, names, modes, motions, walk.now)
-    yield replace(walk.report(0, start.ending, 0, clock, moved=start.moved), doubts=walk.doubts)
+    yield walk.report(0, start.ending, 0, clock, moved=start.moved)
     if start.ending != CONVERGED:
         return
     for i in range(1, len(collider_motion)):
@@ -120,7 +118,6 @@ class _Walk:
     """Where the simulation stands: the last two states and the last step."""
 
     columns: Tangents | None = None
-    doubts: tuple[Fault, ...] = ()
     h_previous: float | None = None
 
     def __init__(self, problem: Problem, cloth: Cloth, collider: Collider, settings: Settings) -> None:

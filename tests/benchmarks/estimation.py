@@ -6,8 +6,6 @@ Every case is kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) and not 
 Algorithm 1 and the twins' truth do not depend on the fit. A run that is stopped goes on where it was.
 """
 
-import hashlib
-import inspect
 import json
 import os
 import pickle
@@ -31,9 +29,10 @@ from tasks.cloth.gauss_newton import PARAMETERS, Normal, Progress, fit, moved, n
 from tasks.cloth.scene import Scene, replay
 from tasks.cloth.windowed_fit import fit_windows, started_well
 from tasks.simulator import Fabric, Settings
+from tests.benchmarks.kept import once
+from tests.benchmarks.kept import place as kept_place
 from tests.benchmarks.simulator import AS_CIPC, DATA, recording
 from tests.cloth.twins import FPS, NOISE, Twin, handkerchief, twin
-from tests.test_science_lock import digest
 
 QUICK = bool(os.environ.get("QUICK"))
 START = Fabric(320.0, 4.0, 100.0)
@@ -45,25 +44,14 @@ TWIN_FILE = Path(__file__).parents[1] / "cloth/twins.py"
 Row = tuple[str, Any, str, bool]
 
 
-def cache() -> Path:
-    """Where cases are kept."""
-    folder = Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser() / "bench-estimation"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def place(name: str, compute: Callable[..., Any], science: str, ending: str) -> Path:
-    """The file of a case: it names the state of the science, of the twins and of the function that computes it."""
-    whole = digest(science) + TWIN_FILE.read_text() + inspect.getsource(compute)
-    return cache() / f"{name}-{hashlib.sha256(whole.encode()).hexdigest()[:12]}.{ending}"
+def place(name: str, compute: Callable[..., Any], science: str, ending: str = "json") -> Path:
+    """The file of a case."""
+    return kept_place("estimation", name, compute, science=science, scenes=TWIN_FILE, ending=ending)
 
 
 def kept(name: str, compute: Callable[..., dict[str, Any]], *arguments: Any, science: str) -> dict[str, Any]:
     """compute(*arguments), once per state of the module `science` and all that it imports."""
-    file = place(name, compute, science, "json")
-    if not file.exists():
-        file.write_text(json.dumps(compute(*arguments)))
-    return json.loads(file.read_text())
+    return once(place(name, compute, science), compute, *arguments)
 
 
 def kept_twin(seed: int) -> Twin:

@@ -8,8 +8,6 @@ C-IPC's path (cipc_newton.py), from x_k to the end with our own solver, and from
 Steps and stress runs are kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) while the simulator stays the same, so a run goes on where it was.
 """
 
-import hashlib
-import inspect
 import json
 import os
 import sys
@@ -27,9 +25,9 @@ from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings, simulate
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.newton import CONVERGED, minimise
 from tasks.simulator.time_integration import State, known, rule
+from tests.benchmarks.kept import once, place
 from tests.simulator.scenes import free, sheet, sphere, still
 from tests.simulator.stress import examine, names
-from tests.test_science_lock import digest
 
 DATA = Path(os.environ.get("PHYSAVATAR_REAL_DATA", Path(__file__).parents[2] / "../shared/data")) / "cipc"
 QUICK = bool(os.environ.get("QUICK"))
@@ -54,15 +52,7 @@ Row = tuple[str, float, str, bool]
 
 def kept(name: str, compute: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
     """compute(*arguments), once per state of the simulator, of the stress runs and of the function."""
-    folder = Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser() / "bench-simulator"
-    folder.mkdir(parents=True, exist_ok=True)
-    whole = digest("tasks.simulator.simulate") + inspect.getsource(compute) + STRESS_FILE.read_text()
-    file = folder / f"{name}-{hashlib.sha256(whole.encode()).hexdigest()[:12]}.json"
-    if not file.exists():
-        aside = file.with_suffix(".tmp")
-        aside.write_text(json.dumps(compute(*arguments)))
-        aside.replace(file)
-    return json.loads(file.read_text())
+    return once(place("simulator", name, compute, science="tasks.simulator.simulate", scenes=STRESS_FILE), compute, *arguments)
 
 
 def recording(name: str) -> tuple[Cloth, Fabric, Collider, np.ndarray, np.ndarray]:

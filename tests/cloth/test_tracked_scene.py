@@ -121,3 +121,9 @@ def test_too_few_frames_and_a_driven_vertex_out_of_sight():
     x[:6, 5] = np.nan
     with pytest.raises(BadInput, match="2 frames from the first whole one"):
         tracked_scene(replace(at, vertices=x), name="t")
+
+
+def test_what_was_hardly_meant_is_said():
+    assert not any(said.startswith("doubtful") for said in tracked_scene(track(), name="t").chosen)
+    heavy = tracked_scene(track(base={"density": 0.2}), name="t").chosen
+    assert any("fabric.density: 0.2 is outside 50 to 3000" in said for said in heavy)

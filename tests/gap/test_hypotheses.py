@@ -234,7 +234,7 @@ def test_replays_of_its_own_count_for_or_against_what_was_simulated():
     singles = {h.name: h for h in (w.fit([e]) for e in EFFECTS)}
     names = ("air_normal_drag", "fabric_mass_damping")
     for first, second in (names, names[::-1]):
-        told = singles | {first: replace(singles[first], replayed=4.0), second: replace(singles[second], replayed=-1.0)}
+        told = singles | {first: replace(singles[first], support=4.0), second: replace(singles[second], support=-1.0)}
         verdict = judge(list(told.values()), unexplained=0.0, missing=2.0)
         assert verdict.named.name == first and second not in verdict.classes[0]
 

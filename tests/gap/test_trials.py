@@ -56,7 +56,7 @@ def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, gro
 
     t = Rehearsed(monkeypatch, doubt=0.0, finds=finds)
     strength[FRICTION] = t.leader.strengths[FRICTION]
-    t.settle(1)
+    t.settle(quick=False)
     assert t.asked[0] == (FRICTION, "base")
     assert len(t.asked) == 1 + times
     assert all(origin == "base" + "+" * k for k, (_, origin) in enumerate(t.asked))
@@ -68,7 +68,7 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
         return 0.3, (10.0 + 5.0 * better if origin.startswith("first") else 12.0) if name == FRICTION else 1.0
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
-    t.settle(1)
+    t.settle(quick=False)
     assert [origin for _, origin in t.asked[:3]] == ["base", "first", "first+"]
     assert sum(origin == "first" for _, origin in t.asked) == 1
     assert t.leader.evidence == (15.0 if better else 12.0)
@@ -82,5 +82,5 @@ def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
         return strength[name], 20.0 if name == FRICTION else 1.0
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
-    t.settle(1, again=1)
+    t.settle(quick=True)
     assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]

@@ -5,7 +5,7 @@ import pytest
 
 from tasks.geometry.faults import BadInput
 from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
-from tests.simulator.scenes import crosses, run, sheet, sphere, still
+from tests.simulator.scenes import crosses, plane, run, sheet, sphere, still
 
 
 def test_drop_on_a_sphere_crosses_nothing():
@@ -34,6 +34,17 @@ def test_start_is_separated_by_about_the_overlap():
     cloth = Cloth(x - np.array([0.3, -0.085, 0.3]), faces)
     frames = run(cloth, Fabric(), still(2, cloth, ball))
     assert 0.0145 < frames[0].moved < 0.018 and not crosses(frames[0], cloth, ball[1])
+
+
+@pytest.mark.parametrize(("height", "moved"), [(3e-5, False), (3e-6, True)])
+def test_cloth_pressed_onto_a_body_goes_on_from_where_it_lies(height, moved):
+    """In motion cloth comes within 0.03 of the barrier distance; a window may start there."""
+    x, faces = sheet(4, 4, length=0.1, width=0.1)
+    ground, ground_faces = plane(1.0)
+    cloth = Cloth(x + np.array([0, height, 0]), faces)
+    frames = run(cloth, Fabric(), still(3, cloth, (ground, ground_faces)))
+    assert (frames[0].moved > 0) == moved
+    assert not any(crosses(f, cloth, ground_faces) for f in frames)
 
 
 def test_start_that_crosses_is_described():
