@@ -1,11 +1,16 @@
-"""What the discretisation alone does: the same model on about twice the vertices with half the step, window by window.
+"""What the computation alone does: the same model computed otherwise, window by window.
 
-The difference at the given vertices enters as a column whose coefficient is 1 ± 1: the finer run is closer to the limit by about as much as it
-differs, and nobody knows the recording's own mesh. Without it a method blames innocent effects on every recording made on another mesh.
+    D_e = x(computed otherwise in the way e) − x      [L, V, 3] m, at the given vertices
 
-Source: Roache 1994 (Richardson's estimate of discretisation error). Limits: first order; folds that differ in kind are not corrected.
+enters as a column of the effect's name whose coefficient is μ ± 1: μ = 1 for what is `FINER` (about twice the vertices, half the step), for that is closer to
+the limit by about as much as it differs; μ = 0 for what is only `OTHER` (other triangles, other laws of stretch, fold and contact), for nobody knows the
+recording's own. Without them a method blames innocent effects on every recording that another simulator, or the world, has made.
+
+Source: Roache 1994 (Richardson's estimate of discretisation error); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out).
+Limits: first order; folds that differ in kind are not corrected.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,36 +18,66 @@ from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, Job
 from tasks.cloth.windows import Normals, marginalised, predict
+from tasks.effects.effect import Effect
 from tasks.effects.model import Model
+from tasks.effects.numerics_bending import EFFECT as BENDING
+from tasks.effects.numerics_contact import EFFECT as CONTACT
+from tasks.effects.numerics_material import EFFECT as MATERIAL
 from tasks.effects.numerics_mesh import EFFECT as MESH
+from tasks.effects.numerics_time_step import EFFECT as TIME_STEP
+from tasks.effects.numerics_triangulation import EFFECT as TRIANGULATION
 
 Array = NDArray[np.float64]
 
-SPREAD = 1.0  # standard deviation of the coefficient
+FINER = (MESH, TIME_STEP)
+OTHER = (TRIANGULATION, MATERIAL, BENDING, CONTACT)
+WAYS = tuple(way.name for way in (*FINER, *OTHER))
+SPREAD = 1.0  # standard deviation of a coefficient
 
 
-def finer_offset(job: Job, coarse: Array) -> Array | None:
-    """x(finer) − x(coarse) [L, V, 3] m of a window whose coarse prediction is [L + 1, V, 3] m; None where the finer run fails."""
-    settings = replace(job.model.settings, substeps=2 * job.model.settings.substeps)
-    found = predict(on_finer_mesh(replace(job.model, settings=settings)), job.recording, job.window, job.states)
-    return found.x[1:, : coarse.shape[1]] - coarse[1:] if found.complete else None
+def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = (*FINER, *OTHER)) -> dict[str, Array]:
+    """name -> x(otherwise) − x(coarse) [L, V, 3] m of a window whose own prediction is `coarse` [L + 1, V, 3] m; without those that fail."""
+    found = {}
+    for way in ways:
+        if way is not CONTACT or len(job.recording.collider.faces):
+            x = predict(otherwise(job.model, way), job.recording, job.window, job.states)
+            if x.complete:
+                found[way.name] = x.x[1:, : coarse.shape[1]] - coarse[1:]
+    return found
+
+
+def otherwise(model: Model, way: Effect) -> Model:
+    """The model computed in another way; a finer mesh has the given vertices first."""
+    return model.joined([way], {way.name: way.typical})
 
 
 def on_finer_mesh(model: Model) -> Model:
     """The model on about twice the vertices, the given ones first."""
-    return model.joined([MESH], {MESH.name: np.ones(1)})
+    return otherwise(model, MESH)
 
 
 def corrected(n: Normals) -> Normals:
-    """Normal equations with the column "numerics" taken at 1 ± `SPREAD`; as they are where there is none."""
-    if "numerics" not in n.names:
-        return n
-    k = n.names.index("numerics")
-    shifted = replace(n, g=n.g - n.G[:, k], c=float(n.c - 2 * n.g[k] + n.G[k, k]))
-    return marginalised(shifted, ["numerics"], np.array([SPREAD**2]))
+    """Normal equations with the columns of numerics taken at their means and integrated out; as they are where there are none."""
+    δ = finer_shift(n.names)
+    return without_others(replace(n, g=n.g - n.G @ δ, c=float(n.c - 2 * n.g @ δ + δ @ n.G @ δ)))
+
+
+def without_others(n: Normals, kept: str = "") -> Normals:
+    """Normal equations with the columns of numerics but one integrated out."""
+    ways = [way for way in WAYS if way in n.names and way != kept]
+    return marginalised(n, ways, np.full(len(ways), SPREAD**2)) if ways else n
+
+
+def finer_shift(names: Sequence[str]) -> Array:
+    """Coefficients [P] of the columns that make up the finer computation: 1 for each of `FINER`, else 0."""
+    return np.isin(names, [way.name for way in FINER]).astype(float)
+
+
+def finer(columns: Mapping[str, Array]) -> Array | float:
+    """Sum of the columns of `FINER`: what a finer computation adds; 0 where there are none."""
+    return sum((columns[way.name] for way in FINER if way.name in columns), 0.0)
 
 
 def size(evidence: Evidence) -> float:
-    """Root mean square of the numerics column [m] of a followed window, start state taken out."""
-    column = evidence.prediction.columns.get("numerics")
-    return 0.0 if column is None else float(np.sqrt(np.mean(np.sum(column**2, -1))))
+    """Root mean square [m] of what a finer computation adds to a followed window, start state taken out."""
+    return float(np.sqrt(np.mean(np.sum(np.square(np.atleast_1d(finer(evidence.prediction.columns))), -1))))

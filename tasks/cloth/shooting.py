@@ -11,8 +11,8 @@ next one is longer by that ratio (the secant equation of Dennis & Moré 1977 alo
 Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are weighed (`Job.forced`).
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -68,15 +68,15 @@ class Evidence:
     prediction: Prediction
     normals: Normals
     residual: Array | None = None
-    offset: Array | None = None
+    offsets: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Job:
     """One window to follow; picklable, so that processes and workers can share the work.
 
-    columns: derivatives by all effects of the model; forced: and by the forcing. offset [L, V, 3] m: what a finer computation of the same model adds; it
-    enters as the column "numerics".
+    columns: derivatives by all effects of the model; forced: and by the forcing. offsets: name -> [L, V, 3] m, what computing the same model otherwise
+    changes (`numerics.py`): further columns.
     """
 
     model: Model
@@ -88,7 +88,7 @@ class Job:
     forced: bool = False
     parameters: tuple[str, ...] = PARAMETERS
     prior: Prior | None = None
-    offset: Array | None = None
+    offsets: Mapping[str, Array] = field(default_factory=dict)
 
 
 def follow(job: Job) -> Evidence:
@@ -98,14 +98,13 @@ def follow(job: Job) -> Evidence:
     )
     if not found.complete:
         return Evidence(found, Normals((), np.zeros((0, 0)), np.zeros(0), np.nan, 0))
-    if job.offset is not None:
-        found.columns["numerics"] = job.offset
+    found.columns.update(job.offsets)
     equations = normals(found, job.recording, job.model.subject.cloth)
     residual = job.recording.observed[job.window.frames][1:] - found.x[1:]
     if job.prior is not None:
         residual, found = _without_state_fields(found, equations, residual, job.prior)
     kept = {name: c for name, c in found.columns.items() if name[:2] not in NUISANCES}
-    return Evidence(replace(found, columns=kept), equations, residual, job.offset)
+    return Evidence(replace(found, columns=kept), equations, residual, job.offsets)
 
 
 def follow_corrected(job: Job) -> Evidence:

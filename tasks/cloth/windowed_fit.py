@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Progress, fit, loss, moved, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
-from tasks.cloth.numerics import corrected, finer_offset
+from tasks.cloth.numerics import FINER, corrected, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, scaled, with_fabric, without_state
 from tasks.cloth.start_state import states
@@ -99,7 +99,7 @@ def _lost(found: BaseFit, jobs: list[Job]) -> tuple[str, ...]:
 def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
     """The windows that the refitted base follows on either mesh, with what the finer one adds."""
     done = [replace(job, model=found.model) for job, e in zip(jobs, found.evidence) if e.prediction.complete]
-    return [replace(job, offset=d) for job, d in zip(done, run(_finer, done)) if d is not None]
+    return [replace(job, offsets=d) for job, d in zip(done, run(_finer, done)) if len(d) == len(FINER)]
 
 
 def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
@@ -116,10 +116,10 @@ def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, N
     return fabric, normal
 
 
-def _finer(job: Job) -> Array | None:
-    """x(finer) − x [L, V, 3] m of a window; None where either fails."""
+def _finer(job: Job) -> dict[str, Array]:
+    """name -> x(finer) − x [L, V, 3] m of a window, without what fails."""
     coarse = predict(job.model, job.recording, job.window, job.states)
-    return finer_offset(job, coarse.x) if coarse.complete else None
+    return offsets(job, coarse.x, FINER) if coarse.complete else {}
 
 
 @dataclass(frozen=True)

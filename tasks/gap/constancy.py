@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from tasks.cloth.numerics import finer
 from tasks.cloth.shooting import PARAMETERS, Evidence
 from tasks.cloth.windows import Normals
 from tasks.gap.hypotheses import BASE_SPREAD, Fitted, Windows
@@ -121,7 +122,7 @@ def _directed(windows: Windows, named: Fitted) -> list[Normals]:
 def _fields(e: Evidence, named: Fitted, inside: NDArray[np.bool_]) -> Normals:
     """The same of one zone, from fields; per square millimetre, which cancels."""
     columns = e.prediction.columns
-    r = e.residual - columns["numerics"] if "numerics" in columns else e.residual
+    r = e.residual - finer(columns)
     on = np.isfinite(r).all(-1) & inside
     along = directions(named)
     A = [columns[p][on] for p in PARAMETERS] + [sum(x * columns[c] for c, x in θ.items())[on] for θ in along.values()]

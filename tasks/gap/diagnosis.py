@@ -1,6 +1,6 @@
 """The diagnosis, from recordings of one garment to where the base model fails, which effect it lacks, and how far the gap then shrinks.
 
-    states → base refit → finer re-run → tangents of all effects → hypotheses → refit of the leaders → verdict → held-out windows
+    states → base refit → the same computed otherwise → tangents of all effects → hypotheses → refit of the leaders → verdict → held-out windows
 
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """

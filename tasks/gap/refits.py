@@ -10,6 +10,7 @@ from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, with
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
+from tasks.gap.feigned import without_doubts
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import Fitted, Windows
 from tasks.gap.interpenetration import cleared
@@ -48,10 +49,10 @@ def refitted(
     φ = smooth_modes(model.subject.cloth, MODES)
     data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
     todo = jobs(model, data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, offset=e.offset) for job, e in zip(todo, screened.evidence, strict=True)]))
+    evidence = tuple(run(follow, [replace(job, offsets=e.offsets) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
         return Refitted(replace(hypothesis, weights=()), model, evidence, None)
-    normals = [corrected(without_state(e.normals, screened.prior)) for e in evidence]
+    normals = [corrected(without_doubts(without_state(e.normals, screened.prior), effects, screened.doubt)) for e in evidence]
     about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
 

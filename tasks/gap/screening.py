@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import corrected, finer_offset
+from tasks.cloth.numerics import corrected, offsets
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_correlation, estimated_prior, follow, refit, without_state
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model
-from tasks.gap.feigned import feigned, mesh_doubt
+from tasks.gap.feigned import feigned, mesh_doubt, without_doubts
 from tasks.gap.gathered import Gathered, jobs
 from tasks.gap.hypotheses import Fitted, Windows
 
@@ -26,13 +26,15 @@ ROUGH = 4  # windows of the first rounds of the base refit
 
 @dataclass(frozen=True)
 class Screened:
-    """The refitted base, the training windows' evidence with all tangents, the start states' prior once forcing has its own, and the hypotheses, best first."""
+    """The refitted base, the training windows' evidence with all tangents, the start states' prior once forcing has its own, the hypotheses, best first, and what
+    the mesh leaves in doubt."""
 
     base: BaseFit
     evidence: tuple[Evidence, ...]
     prior: Prior
     windows: Windows
     hypotheses: tuple[Fitted, ...]
+    doubt: MeshDoubt = CERTAIN
 
 
 def roughly_refitted(
@@ -63,28 +65,25 @@ def screen(
     followed = [e.prediction.complete for e in base.evidence]
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
     coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
-    tell("finer re-run")
-    offsets = list(run(_offset, list(zip(jobs(base.model, data, φ), coarse, strict=True))))
+    tell("the same computed otherwise")
+    otherwise = list(run(_offsets, list(zip(jobs(base.model, data, φ), coarse, strict=True))))
     tell("tangents of all effects")
     suspicious = base.model.joined(effects, {})
     plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, offset=_known(o, x)) for job, o, x in zip(plain, offsets, coarse, strict=True)]))
+    evidence = tuple(run(follow, [replace(job, offsets=d) for job, d in zip(plain, otherwise, strict=True)]))
     prior = estimated_prior(evidence, data.noise)
-    compared = compress(evidence, prior, effects, mesh_doubt(base.model, data, contact_doubt))
-    return Screened(base, evidence, prior, compared, tuple(ranked(compared)))
+    doubt = mesh_doubt(base.model, data, contact_doubt)
+    compared = compress(evidence, prior, effects, doubt)
+    return Screened(base, evidence, prior, compared, tuple(ranked(compared)), doubt)
 
 
-def _offset(job: tuple[Job, Array]) -> Array | None:
-    return finer_offset(*job)
-
-
-def _known(offset: Array | None, coarse: Array) -> Array:
-    return np.zeros_like(coarse[1:]) if offset is None else offset
+def _offsets(job: tuple[Job, Array]) -> dict[str, Array]:
+    return offsets(*job)
 
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:
-    """Normal equations with start state and numerics integrated out."""
-    plain = [without_state(e.normals, prior) for e in evidence if e.prediction.complete]
+    """Normal equations with start state, doubts of the mesh and numerics integrated out."""
+    plain = [without_doubts(without_state(e.normals, prior), effects, doubt) for e in evidence if e.prediction.complete]
     return Windows([corrected(n) for n in plain], effects, feigned=feigned(effects, doubt, plain, prior.a))
 
 

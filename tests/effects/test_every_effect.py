@@ -24,7 +24,8 @@ NAMES = {
     *("fabric_orthotropy", "fabric_stiffening", "fabric_density_gradient", "fabric_hem_mass", "fabric_seam_stiffness"),
     *("fabric_rest_scale", "fabric_rest_curvature", "fabric_crease", "contact_friction", "contact_thickness"),
     *("body_offset", "body_lag", "boundary_slip", "observation_delay", "observation_smoothing", "observation_scale", "gravity_tilt"),
-    *("numerics_time_step", "numerics_mesh", "numerics_integrator"),
+    *("numerics_time_step", "numerics_mesh", "numerics_integrator", "numerics_triangulation"),
+    *("numerics_material", "numerics_bending", "numerics_contact"),
 }
 SECTIONS = ("Strength", "Range", "Signature:", "Confounders:", "Source:", "Limits:")
 CHANGE = {

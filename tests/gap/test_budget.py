@@ -39,7 +39,7 @@ def made():
         taken += r @ np.linalg.solve(C, r) - (r - D) @ np.linalg.solve(C + np.outer(D, D), r - D)
         count += 60
         B = np.column_stack([A, S, D])
-        n = Normals((*NAMES, *STATE, "numerics"), B.T @ B, B.T @ r, float(r @ r), 60)
+        n = Normals((*NAMES, *STATE, "numerics_mesh"), B.T @ B, B.T @ r, float(r @ r), 60)
         evidence.append(Evidence(Prediction(Window(0, k, 1), np.zeros((2, 20, 3)), {}, "converged", 1), n))
     windows = compress(evidence, PRIOR, EFFECTS)
     return Screened(Base(PRIOR, ({"misfit": START},)), tuple(evidence), PRIOR, windows), taken / count

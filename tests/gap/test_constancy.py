@@ -52,8 +52,10 @@ def test_a_strength_of_one_zone_only_is_told():
     w = windows(rng, lambda k: {"air_normal_drag": 6.0}, count=6)
     named, evidence = w.fit([DRAG]), []
     for k in range(6):
-        columns = {c: 1e-3 * rng.standard_normal((5, 43, 3)) for c in (*PARAMETERS, *NAMES[2:], "numerics")}
-        r = 6.0 * columns["air_normal_drag"] * (zone == "hem")[:, None] + columns["numerics"] + 1e-4 * rng.standard_normal((5, 43, 3))
+        columns = {c: 1e-3 * rng.standard_normal((5, 43, 3)) for c in (*PARAMETERS, *NAMES[2:], "numerics_mesh", "numerics_time_step")}
+        columns["numerics_time_step"] = 3.0 * columns["air_normal_drag"]  # left in, it would be taken for half as much again
+        finer = columns["numerics_mesh"] + columns["numerics_time_step"]
+        r = 6.0 * columns["air_normal_drag"] * (zone == "hem")[:, None] + finer + 1e-4 * rng.standard_normal((5, 43, 3))
         r[0, 3] = np.nan
         evidence.append(Evidence(Prediction(Window(0, 5 * k, 5), np.zeros((6, 43, 3)), columns, "converged", 1), None, r))
     found = by_zone(evidence, named, zone)["air_normal_drag"]

@@ -50,13 +50,14 @@ def test_marginalising_is_the_dense_covariance():
     assert m.logdet == pytest.approx(np.linalg.slogdet(C)[1])
 
 
-def test_the_numerics_column_is_taken_at_one_and_uncertain_by_one():
+def test_numerics_are_uncertain_by_one_and_what_is_finer_is_taken_at_one():
     rng = np.random.default_rng(1)
-    A, D, r = rng.standard_normal((30, 2)), rng.standard_normal(30), rng.standard_normal(30)
-    m = corrected(normals(np.column_stack([A, D]), r, ["a", "b", "numerics"]))
-    C = np.eye(30) + np.outer(D, D)
-    np.testing.assert_allclose(m.g, A.T @ np.linalg.solve(C, r - D), rtol=1e-9)
-    assert m.c == pytest.approx((r - D) @ np.linalg.solve(C, r - D))
+    A, D, r = rng.standard_normal((30, 2)), rng.standard_normal((30, 3)), rng.standard_normal(30)
+    m = corrected(normals(np.column_stack([A, D]), r, ["a", "b", "numerics_time_step", "numerics_contact", "numerics_mesh"]))
+    C, r = np.eye(30) + D @ D.T, r - D[:, 0] - D[:, 2]
+    assert m.names == ("a", "b")
+    np.testing.assert_allclose(m.g, A.T @ np.linalg.solve(C, r), rtol=1e-9)
+    assert m.c == pytest.approx(r @ np.linalg.solve(C, r))
 
 
 def test_intervals_know_what_the_mesh_feigns_and_that_laws_have_several_forms():

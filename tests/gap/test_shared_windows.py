@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.cloth.numerics import finer_offset
+from tasks.cloth.numerics import offsets
 from tasks.cloth.shooting import Job, Prior, follow
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.library import library
@@ -27,7 +27,7 @@ def test_states_and_evidence_are_the_same_to_the_last_bit(tmp_path):
 
     φ = smooth_modes(model.subject.cloth, 4)
     todo = jobs(model.joined(EFFECTS, {}), together, φ, columns=True, forced=True, prior=Prior(1e-3, 0.1))
-    todo = [replace(job, offset=_offset(job)) for job in todo]
+    todo = [replace(job, offsets=_offsets(job)) for job in todo]
     for a, b in zip(map(follow, todo), shared(follow, todo), strict=True):
         assert a.normals.names == b.normals.names and a.prediction.window == b.prediction.window
         np.testing.assert_array_equal(a.normals.G, b.normals.G)
@@ -35,5 +35,5 @@ def test_states_and_evidence_are_the_same_to_the_last_bit(tmp_path):
         assert {n: c.tobytes() for n, c in a.prediction.columns.items()} == {n: c.tobytes() for n, c in b.prediction.columns.items()}
 
 
-def _offset(job: Job):
-    return finer_offset(job, np.zeros((job.window.length + 1, *job.recording.observed.shape[1:])))
+def _offsets(job: Job):
+    return offsets(job, np.zeros((job.window.length + 1, *job.recording.observed.shape[1:])))
