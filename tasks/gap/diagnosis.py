@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence, Map, follow_corrected
+from tasks.cloth.shooting import Evidence, Map, Prior, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
@@ -25,7 +25,7 @@ from tasks.gap.refits import Refitted, comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.trials import Trials
-from tasks.gap.verdict import Candidate, Verdict, judge, withdrawn
+from tasks.gap.verdict import Candidate, Verdict, first_alone, judge, withdrawn
 
 Array = NDArray[np.float64]
 
@@ -57,10 +57,12 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class _Decided:
-    """The verdict after the leading hypotheses were simulated, the named one as simulated last, the pairs that were weighed, the base's replays."""
+    """The verdict after the leading hypotheses were simulated, the named one as simulated last, the first of two named causes simulated alone, the pairs
+    that were weighed, the base's replays."""
 
     verdict: Verdict
     named: Refitted
+    alone: Refitted | None
     pairs: tuple[Fitted, ...]
     replayed: Replayed
 
@@ -98,9 +100,7 @@ def diagnose(
     decided = _decided(Trials(screened, first, train, effects, run, tell), quick)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
-    found = _concluded(screened, decided.verdict, decided.named, train, kept, run)
-    predicts = found.named if comes_nearer(decided.named, decided.replayed) else found.base
-    return replace(found, named=predicts, pairs=decided.pairs, replayed=decided.replayed)
+    return _concluded(screened, decided, train, kept, run)
 
 
 def _decided(trials: Trials, quick: bool) -> _Decided:
@@ -110,13 +110,13 @@ def _decided(trials: Trials, quick: bool) -> _Decided:
     verdict = judge(trials.singles, pairs, unexplained=trials.doubt(pairs), missing=missing, cosines=trials.cosines)
     if verdict.named is None:
         nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
-        return _Decided(verdict, nothing, pairs, trials.replayed)
+        return _Decided(verdict, nothing, None, pairs, trials.replayed)
     name = verdict.named.name
+    alone = trials.after.get(verdict.named.effects[0].name) if len(verdict.named.effects) == 2 else None
     if name not in trials.after:
-        first = trials.after.get(trials.leader.name) if len(verdict.named.effects) == 2 else None
-        trials.after[name] = trials.simulate(verdict.named, first and first.model)
+        trials.after[name] = trials.simulate(verdict.named, alone and alone.model)
     named = trials.after[name]
-    return _Decided(replace(verdict, named=named.hypothesis), named, pairs, trials.replayed)
+    return _Decided(replace(verdict, named=named.hypothesis), named, alone, pairs, trials.replayed)
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:
@@ -126,30 +126,47 @@ def _untestable(data: Gathered, train: Gathered) -> str:
     return ""
 
 
-def _concluded(screened: Screened, verdict: Verdict, named: Refitted, train: Gathered, kept: Gathered | None, run: Map) -> Diagnosis:
-    base, prior = screened.base, screened.base.prior
+def _concluded(screened: Screened, decided: _Decided, train: Gathered, kept: Gathered | None, run: Map) -> Diagnosis:
+    base, verdict, named = screened.base, decided.verdict, decided.named
     held = kept is not None and bool(kept.windows)
+    floor = floor_mm(screened.evidence, train.recordings)
     before, after = list(screened.evidence), list(named.evidence)
     if held:
-        φ = smooth_modes(base.model.subject.cloth, MODES)
-        before = list(run(follow_corrected, jobs(base.model, kept, φ, prior=prior)))
-        if verdict.named is None:
-            after = before
-        else:
-            final = corrected_model(named)
-            after = list(run(follow_corrected, jobs(final, restarted(final, kept, run), φ, prior=prior)))
-    gap = shrinkage(before, after, floor_mm=floor_mm(screened.evidence, train.recordings), held_out=held)
+        before = _on_kept(base.model, kept, base.prior, run)
+        after = before if verdict.named is None else _on_kept(corrected_model(named), kept, base.prior, run)
+        if decided.alone is not None and decided.alone.windows is not None:
+            one = _on_kept(corrected_model(decided.alone), kept, base.prior, run)
+            if not shrinkage(one, after, floor_mm=floor, held_out=True).shrinks:
+                verdict, named, after = first_alone(verdict, decided.alone.hypothesis), decided.alone, one
+    gap = shrinkage(before, after, floor_mm=floor, held_out=held)
     if verdict.named is not None and held and not gap.shrinks:
-        seen = "the gap does not shrink" if np.isfinite(gap.after_mm) else "it cannot be simulated"
+        seen = "the gap hardly shrinks" if np.isfinite(gap.after_mm) else "it cannot be simulated"
         reason = f"{verdict.named.name} leads, but on motion kept out of the fit {seen}"
         verdict, after, gap = withdrawn(verdict, reason), before, unchanged(gap)
     fps = base.model.subject.fps
     accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)
-    final = corrected_model(named) if verdict.named is not None else base.model
+    final = corrected_model(named) if verdict.named is not None and comes_nearer(named, decided.replayed) else base.model
     r = [np.concatenate([e.residual for e in evidence if e.residual is not None]) for evidence in (before, after)]
     return Diagnosis(
-        verdict, gap, *r, base.model.subject.zone, accel, _by_frame(screened.evidence, train), ratios(screened), base.model, final, screened
+        verdict,
+        gap,
+        *r,
+        base.model.subject.zone,
+        accel,
+        _by_frame(screened.evidence, train),
+        ratios(screened),
+        base.model,
+        final,
+        screened,
+        decided.pairs,
+        decided.replayed,
     )
+
+
+def _on_kept(model: Model, kept: Gathered, prior: Prior, run: Map) -> list[Evidence]:
+    """Windows kept out, simulated by a model from the start states that its body allows."""
+    φ = smooth_modes(model.subject.cloth, MODES)
+    return list(run(follow_corrected, jobs(model, restarted(model, kept, run), φ, prior=prior)))
 
 
 def ratios(screened: Screened) -> dict[str, dict[str, Any]]:

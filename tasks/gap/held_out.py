@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 DRAWS = 2000
 LEVEL = (5.0, 95.0)
-LEAST = 0.05  # closed fraction below which nothing was gained
+LEAST = 0.15  # closed fraction below which nothing was gained that another cause, or none, would not gain too
 CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, and a fraction of it would mean nothing
 
 
@@ -42,7 +42,7 @@ class Shrinkage:
 
     @property
     def shrinks(self) -> bool:
-        """Whether the gap became smaller in most draws and, where there is something to close, by more than a twentieth of that."""
+        """Whether the gap became smaller in most draws and, where there is something to close, by more than `LEAST` of that."""
         return (self.closed_fraction is None or self.closed_fraction > LEAST) and self.falls > 0.5
 
 

@@ -140,6 +140,16 @@ def twins(cosines: Confusability | None) -> Twins:
     return frozenset(frozenset((cosines.names[a], cosines.names[b])) for a, b in zip(i, j, strict=True))
 
 
+def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:
+    """Of two named causes the first: the second did not help on motion kept out, and what both weighed is the first's."""
+    own = [c for c in verdict.ranking if c.fitted is not None and c.fitted.effects == alone.effects]
+    names, others = (own[0].names, own[0].others) if own else ((alone.name,), ())
+    rest = [c for c in verdict.ranking if c is not verdict.ranking[0] and c not in own]
+    first = Candidate(names, verdict.probability + sum(c.probability for c in own), alone, others)
+    ranking = sorted([first, *rest], key=lambda c: -c.probability)
+    return Verdict("effect", alone, (names,), first.probability, tuple(ranking))
+
+
 def withdrawn(verdict: Verdict, reason: str) -> Verdict:
     """None, or outside the library, whichever is likelier, instead of the named effect, which did not help on motion kept out: what is named keeps
     a hundredth of its weight."""

@@ -86,3 +86,12 @@ def test_where_nothing_is_named_after_is_as_before():
     assert gap.after_mm == gap.before_mm and gap.closed_fraction == gap.low == gap.high == 0.0 and not gap.shrinks
     floor = unchanged(shrinkage(evidence(rng, 3.0), evidence(rng, 4.0), floor_mm=3.0, held_out=True))
     assert floor.closed_fraction is None
+
+
+def test_a_tenth_of_what_can_be_closed_is_no_cause():
+    """A null sleeve gave a twentieth to a curvature of rest that nobody had planted."""
+    rng = np.random.default_rng(6)
+    before = evidence(rng, 10.0)
+    after = [replace(b, residual=b.residual * np.sqrt(0.92)) for b in before]
+    gap = shrinkage(before, after, floor_mm=4.0, held_out=True)
+    assert gap.falls == 1.0 and 0.05 < gap.closed_fraction < 0.12 and not gap.shrinks

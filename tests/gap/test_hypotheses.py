@@ -11,7 +11,7 @@ from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.hypotheses import FORM, Windows, log_averaged
-from tasks.gap.verdict import judge, withdrawn
+from tasks.gap.verdict import first_alone, judge, withdrawn
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -198,6 +198,19 @@ def test_a_name_that_does_not_help_on_held_out_motion_is_withdrawn():
     assert after.kind == "none" and after.named is None and after.ranking[0].names == ("none",)
     assert sum(c.probability for c in after.ranking) == pytest.approx(1)
     assert after.ranking[0].probability > named.ranking[[c.names for c in named.ranking].index(("none",))].probability
+
+
+def test_a_second_cause_that_does_not_help_leaves_the_first_what_both_weighed():
+    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0, "contact_friction": 0.3})
+    singles = [w.fit([e]) for e in EFFECTS]
+    first = max(singles, key=lambda h: h.evidence)
+    both = judge(singles, [w.fit([*first.effects, e]) for e in EFFECTS if e not in first.effects], unexplained=0.0)
+    assert len(both.classes) == 2
+    alone = next(c for c in both.ranking if c.fitted is not None and c.fitted.effects == first.effects)
+    after = first_alone(both, first)
+    assert after.named is first and after.classes == (alone.names,) and len(after.ranking) == len(both.ranking) - 1
+    assert after.probability == pytest.approx(both.probability + alone.probability)
+    assert sum(c.probability for c in after.ranking) == pytest.approx(1)
 
 
 def test_twins_form_a_class_however_plausible_their_strengths():
