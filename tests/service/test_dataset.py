@@ -102,7 +102,7 @@ def run(monkeypatch, dispatched, **wishes) -> Campaign:
 
     monkeypatch.setattr(campaign, "dispatch", dispatch)
     monkeypatch.setattr(campaign, "_keep_shown", unseen)
-    monkeypatch.setattr(campaign, "_show_table", unseen)
+    monkeypatch.setattr(campaign, "_show", unseen)
     settings = tiny.load()
     settings = settings.model_copy(update={"dataset": settings.dataset.model_copy(update=wishes)})
     return asyncio.run(run_campaign(tiny.SERVICE, settings, find_sequences(settings.data)))
