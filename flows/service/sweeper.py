@@ -57,7 +57,10 @@ def sweeper_flow(unstarted: timedelta = UNSTARTED) -> Flow:
     async def sweeper() -> None:
         end_orphans()
         async with get_client() as client:
-            await _skip_missed(client)
+            me = await client.read_flow_run(UUID(this_run.id))
+            await _skip_missed(client, me)
+            if await is_swept(client, me):
+                return
             mended = await sweep(client, unstarted=unstarted)
         if mended:
             await create_table_artifact([vars(m) for m in mended], key="sweeper")
@@ -140,9 +143,14 @@ async def _is_silent(client: PrefectClient, run: FlowRun, now: datetime) -> bool
     return not (await client.read_events(beats, limit=1)).events
 
 
-async def _skip_missed(client: PrefectClient) -> None:
+async def is_swept(client: PrefectClient, me: FlowRun) -> bool:
+    """Whether an earlier sweep is still at work: on a machine out of breath they would pile up and stand in each other's way."""
+    recent = await _runs(client, StateType.RUNNING, since=me.start_time - SILENT)
+    return any(run.flow_id == me.flow_id and run.id != me.id and run.start_time < me.start_time for run in recent)
+
+
+async def _skip_missed(client: PrefectClient, me: FlowRun) -> None:
     """After a night without workers one sweep is enough."""
-    me = await client.read_flow_run(UUID(this_run.id))
     for run in await _runs(client, StateType.SCHEDULED):
         if run.flow_id == me.flow_id and run.expected_start_time < me.expected_start_time:
             await client.set_flow_run_state(run.id, Cancelled(message="a later sweep did this"))
