@@ -4,6 +4,7 @@ import asyncio
 import json
 
 import httpx
+from prefect import flow
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterKey
 
@@ -12,7 +13,8 @@ from flows.service.board import Board
 from flows.service.campaign import Campaign, Row
 
 
-async def shown(*states: str) -> tuple[int, list, str]:
+@flow(persist_result=False)  # artifacts belong to runs
+async def shown(states: list[str]) -> tuple[int, list, str]:
     """How many tables there are, the last one's rows and what stands above it, after a campaign was shown once per state of its sequence."""
     own, at = Board(), Campaign(None)
     async with get_client() as client:
@@ -26,7 +28,7 @@ async def shown(*states: str) -> tuple[int, list, str]:
 
 
 def test_the_table_is_renewed_in_place_with_failures_first(running):
-    tables, rows, said = asyncio.run(shown("queued", "running", "running", "failed"))
+    tables, rows, said = asyncio.run(shown(["queued", "running", "running", "failed"]))
     assert tables == 1
     assert [row["state"] for row in rows] == ["failed", "completed"]
     assert "1 failed" in said
