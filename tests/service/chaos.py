@@ -179,7 +179,7 @@ def endure(
     if thread:
         thread.start()
     try:
-        with suppress(WorkFailed):
+        with suppress(WorkFailed, TimeoutError):  # what is late is told as what it is: neither complete nor failed
             limit_s = max(LIMIT_S, LIMIT_PER_SEQUENCE_S * sequences)
             asyncio.run(asyncio.wait_for(dispatch(Work("dataset/service", {}, f"chaos-{place.name}", "dataset")), limit_s))
     finally:
