@@ -28,6 +28,16 @@ lent() {   # options of buildah for the folders and the certificates that pip ne
     if [ -n "${PIP_CERT:-}" ]; then printf -- '--volume\n%s:/pip-ca.crt:ro\n--build-arg\nPIP_CERT=/pip-ca.crt\n' "$PIP_CERT"; fi
 }
 
+storage_driver() {   # overlay where this kernel lets it mount; vfs works everywhere and copies every layer whole
+    local container
+    if container=$(STORAGE_DRIVER=overlay buildah from scratch 2>/dev/null); then
+        STORAGE_DRIVER=overlay buildah mount "$container" >/dev/null 2>&1 && echo overlay || echo vfs
+        STORAGE_DRIVER=overlay buildah rm "$container" >/dev/null
+    else
+        echo vfs
+    fi
+}
+
 local_base() {   # an image of Debian 12 from debootstrap, once
     local image=localhost/physavatar-base:bookworm
     if ! buildah inspect --type image "$image" >/dev/null 2>&1; then
@@ -46,7 +56,8 @@ if docker info >/dev/null 2>&1; then
     build() { docker build --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" "${options[@]}" .; }
     size() { docker image inspect --format '{{.Size}}' "physavatar-$1:$version"; }
 elif command -v buildah >/dev/null; then
-    export BUILDAH_ISOLATION=chroot STORAGE_DRIVER=${STORAGE_DRIVER:-vfs}
+    export BUILDAH_ISOLATION=chroot STORAGE_DRIVER=${STORAGE_DRIVER:-$(storage_driver)}
+    [ "$STORAGE_DRIVER" = vfs ] || export BUILDAH_LAYERS=true   # what two images have in common is built once
     [ -n "${BASE+set}" ] || BASE=$(local_base)
     mapfile -t mounts < <(lent)
     build() { buildah build --format docker --network host --file "containers/$1.Dockerfile" --tag "physavatar-$1:$version" "${mounts[@]}" "${options[@]}" .; }

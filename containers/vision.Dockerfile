@@ -30,7 +30,7 @@ FROM ${BASE}
 ARG DEBIAN_FRONTEND=noninteractive
 # no compilers here; tini is process 1, so that killed children are reaped
 RUN apt-get update && apt-get install -y --no-install-recommends \
-        ca-certificates libcholmod3 libgomp1 libllvm19 libopenblas0-serial libumfpack5 libspqr2 python3.11 tini \
+        ca-certificates libatomic1 libcholmod3 libgomp1 libllvm19 libopenblas0-serial libumfpack5 libspqr2 python3.11 tini \
     && apt-get clean && rm -rf /var/lib/apt/lists/* \
     && useradd --uid 10001 --create-home --home-dir /home/physavatar physavatar \
     && install -d -o physavatar /store /data

@@ -16,6 +16,8 @@ from flows.service.survey import json_settings, survey
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 
+LOOK_EVERY_S = 30.0  # into the store, for the table that people see
+
 
 def actor_flow(service: Service) -> Flow:
     """The flow `actor`: one sequence of one actor through all pools."""
@@ -32,15 +34,20 @@ async def conduct(request: Request, store: Store, queue: str) -> dict[str, Artif
     """Dispatch until everything is in the store. Raises WorkFailed, once nothing more is under way, if any group failed."""
     flying: dict[str, tuple[asyncio.Task, dict[str, str]]] = {}
     failures: dict[str, str] = {}
+    shown: tuple[set[str], set[str]] | None = None
     while True:
         found = survey(request, store)
         for pool, stages in found.ready.items():
             if pool not in flying and pool not in failures:
                 flying[pool] = asyncio.create_task(dispatch(_work(request, pool, stages, queue))), stages
-        await show_stages(request, found, {stage for _, stages in flying.values() for stage in stages}, failures)
+        running = {stage for pool in flying for stage in found.ready.get(pool, {})}  # a run goes from stage to stage of its pool
+        if shown != (set(found.done), running) or not flying:
+            await show_stages(request, found, running, failures)
+            shown = set(found.done), running
         if not flying:
             break
-        await asyncio.wait([task for task, _ in flying.values()], return_when=asyncio.FIRST_COMPLETED)
+        tasks = [task for task, _ in flying.values()]
+        await asyncio.wait(tasks, timeout=LOOK_EVERY_S, return_when=asyncio.FIRST_COMPLETED)
         for pool in [pool for pool, (task, _) in flying.items() if task.done()]:
             task, stages = flying.pop(pool)
             if reason := _failure(task, stages, survey(request, store).ready.get(pool, {})):

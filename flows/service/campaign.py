@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from prefect import Flow, flow
-from prefect.artifacts import create_progress_artifact, create_table_artifact, update_progress_artifact
 
 from flows.dataset import DatasetParameters, Sequence, Standing, find_sequences, plan_dataset
 from flows.request import Request
+from flows.service.board import Board
 from flows.service.cancellation import cancel_children
 from flows.service.dispatch import Work, WorkFailed, dispatch
 from flows.service.hand_over import actor_work
@@ -29,6 +29,7 @@ from storage_schemas.store import Store
 GPU_POOLS = frozenset({"tracking", "rendering"})
 FOLDER = ".datasets"
 SHOW_EVERY_S, ROWS_SHOWN = 10.0, 500
+ORDER = ("failed", "over quota", "refused", "running", "completed", "queued")  # what somebody must look at stands first
 
 
 @dataclass
@@ -109,14 +110,15 @@ async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequ
         if standing.state not in ("finished", "refused"):
             due.append((at, standing))
     campaign.write()
-    show = asyncio.create_task(_keep_shown(campaign))
+    board = Board()
+    show = asyncio.create_task(_keep_shown(campaign, board))
     waiting = iter(due)
     await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
     show.cancel()
     failed = [f"{row.actor} {row.sequence}: {row.why}" for row in campaign.rows.values() if row.state == "failed"]
     campaign.state = "failed" if failed else "over quota" if "over quota" in campaign.counts() else "completed"
     campaign.write()
-    await _show_table(campaign)
+    await _show(campaign, board)
     if failed:
         raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {failed[0]}")
     return campaign
@@ -166,18 +168,16 @@ def _gpu_seconds(request: Request, store: Store, since: float) -> float:
     return sum(origin.seconds for origin in made if origin.started.timestamp() >= since)
 
 
-async def _keep_shown(campaign: Campaign) -> None:
-    progress = await create_progress_artifact(progress=0.0, key="dataset-progress", description="sequences that have ended")
+async def _keep_shown(campaign: Campaign, board: Board) -> None:
     while True:
-        counts, total = campaign.counts(), max(len(campaign.rows), 1)
-        left = counts.get("queued", 0) + counts.get("running", 0)
-        await update_progress_artifact(progress, progress=100 * (1 - left / total))
         campaign.write()
-        await _show_table(campaign)
+        await _show(campaign, board)
         await asyncio.sleep(SHOW_EVERY_S)
 
 
-async def _show_table(campaign: Campaign) -> None:
-    told = [row for row in campaign.rows.values() if row.state != "finished"]
-    rows = [asdict(row) for row in sorted(told, key=lambda row: row.state)[:ROWS_SHOWN]]
-    await create_table_artifact(rows, key="dataset", description=f"{campaign.id}: {campaign.counts()}")
+async def _show(campaign: Campaign, board: Board) -> None:
+    counts, total = campaign.counts(), max(len(campaign.rows), 1)
+    left = counts.get("queued", 0) + counts.get("running", 0)
+    told = sorted((row for row in campaign.rows.values() if row.state != "finished"), key=lambda row: ORDER.index(row.state))
+    said = f"{campaign.id}: " + ", ".join(f"{count} {state}" for state, count in counts.items())
+    await board.show(100 * (1 - left / total), [asdict(row) for row in told[:ROWS_SHOWN]], said)

@@ -13,7 +13,6 @@ from flows.service.examination import case_flow, exam_flow
 from flows.service.group import group_flow
 from flows.service.joining import helper_flow
 from flows.service.order import Scores, Service, unscored
-from flows.service.sweeper import sweeper_flow
 from storage_schemas.store import Store
 
 
@@ -32,4 +31,3 @@ actor = actor_flow(SERVICE)
 dataset = dataset_flow(SERVICE)
 exam = exam_flow()
 case = case_flow()
-sweeper = sweeper_flow()

@@ -1,5 +1,6 @@
 """From deploy/prefect.yaml to pools, queues and deployments on the server. Safe to repeat: what exists is brought up to date."""
 
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,20 @@ async def deploy(client: PrefectClient, described: dict[str, Any], *, kind: str,
         await _deployment(client, deployment)
 
 
-async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str, Any]) -> None:
-    template = await get_default_base_job_template_for_infrastructure_type(kind)
-    for variable, value in (({"env": {}} | _process_defaults() if kind == "process" else {}) | variables).items():
+def with_defaults(template: dict[str, Any], variables: dict[str, Any]) -> dict[str, Any]:
+    """A pool's job template with these defaults. `gpus` is no variable of Prefect's for Kubernetes: it goes into the container's limits."""
+    template, defaults = deepcopy(template), dict(variables)
+    if gpus := defaults.pop("gpus", 0):
+        container = template["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]["containers"][0]
+        container["resources"]["limits"]["nvidia.com/gpu"] = gpus
+    for variable, value in defaults.items():
         template["variables"]["properties"].setdefault(variable, {})["default"] = value
+    return template
+
+
+async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str, Any]) -> None:
+    process = {"env": {}} | _process_defaults() if kind == "process" else {}
+    template = with_defaults(await get_default_base_job_template_for_infrastructure_type(kind), process | variables)
     try:
         await client.create_work_pool(WorkPoolCreate(name=name, type=kind, base_job_template=template))
     except ObjectAlreadyExists:
@@ -61,7 +72,7 @@ async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str
 
 def _process_defaults() -> dict[str, Any]:
     """A command spares the worker two more interpreters per run, which it would start to look for dependencies."""
-    return {"command": "python -m prefect.engine"}  # that of the worker: its PATH begins with its own environment
+    return {"command": "python -m flows.service"}  # that of the worker: its PATH begins with its own environment
 
 
 async def _queue(client: PrefectClient, pool: str, name: str, priority: int, limit: int | None = None) -> None:

@@ -9,7 +9,6 @@ from flows.runs import RunRecord
 from flows.service.joining import ask_for_helpers
 from flows.service.leftovers import end_orphans
 from flows.service.order import Service
-from flows.service.pictures import show
 from flows.service.results import refuse_foreign_records
 from flows.service.shown import Shown
 from storage_schemas.reference import ArtifactRef
@@ -35,6 +34,8 @@ def advance(request: Request, store: Store, pool: str, helpers: int = 0) -> dict
 
     helpers: how many are asked for at a stage that spreads.
     """
+    from flows.service.pictures import show  # meshes are drawn with numba: not for runs that only wait or sweep
+
     record = RunRecord(store.root, request.actor, request.sequence, listen=Shown(request.actor, request.sequence))
 
     def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:

@@ -16,7 +16,7 @@ from prefect.client.orchestration import PrefectClient
 from prefect.exceptions import ObjectNotFound
 
 RUN_ID = "PREFECT__FLOW_RUN_ID"
-ENGINE = "prefect.engine"
+ENGINES = ("prefect.engine\0", "flows.service\0")  # as a command line ends: the plain one in containers per run, ours in process pools
 OUTLIVED = timedelta(seconds=60)
 
 
@@ -71,7 +71,7 @@ def processes() -> Iterator[Process]:
         except OSError:
             continue  # it ended while we looked, or is not ours to see
         if run is not None:
-            yield Process(int(entry.name), run, ENGINE in command)
+            yield Process(int(entry.name), run, command.endswith(ENGINES))
 
 
 def _variable(environ: str, name: str) -> str | None:

@@ -49,7 +49,7 @@ class Supervisor:
 
     def look(self) -> None:
         """Start again what has died and has waited long enough."""
-        for kept in self.kept.values():
+        for kept in list(self.kept.values()):  # another thread may have one more kept
             if kept.process is not None and kept.process.poll() is not None:
                 lived = time.monotonic() - kept.started
                 kept.deaths = 1 if lived > SUCCESS_S else kept.deaths + 1

@@ -4,7 +4,7 @@
 * Pending for minutes: crashed; its worker died between taking and starting it, and it may hold a concurrency slot.
 * Cancelling for minutes, or open while its parent was cancelled: cancelled.
 * Crashed, and nobody waits for it: submitted again, three times at most; then failed, with the reason. Whatever a parent dispatched is
-  that parent's to submit again (`dispatch.py`).
+  that parent's to submit again (`dispatch.py`); a sweeper that crashed is followed by the next one.
 """
 
 from collections.abc import Callable
@@ -23,6 +23,7 @@ from prefect.client.schemas.filters import (
 )
 from prefect.client.schemas.objects import FlowRun, State, StateType
 from prefect.events.filters import EventFilter, EventNameFilter, EventOccurredFilter, EventResourceFilter
+from prefect.exceptions import ObjectNotFound
 from prefect.runtime import flow_run as this_run
 from prefect.states import AwaitingRetry, Cancelled, Crashed, Failed
 
@@ -32,6 +33,9 @@ from flows.service.leftovers import end_orphans
 SILENT = timedelta(seconds=180)
 UNSTARTED = timedelta(seconds=240)
 UNSTOPPED = timedelta(seconds=240)
+RESTED = timedelta(
+    seconds=90
+)  # a frozen process is killed by then (`leftovers.py`): a worker that still has it ends when it is given the run again
 TRIES = 3
 LOOK_BACK = timedelta(days=1)
 TRIED = "resubmitted:"
@@ -49,11 +53,14 @@ class Mended:
 def sweeper_flow(unstarted: timedelta = UNSTARTED) -> Flow:
     """The flow `sweeper`, scheduled every two minutes. `unstarted`: how long a start may take (pulling an image takes minutes)."""
 
-    @flow(name="sweeper", persist_result=False)
+    @flow(name="sweeper", flow_run_name="sweep", persist_result=False)  # without a name, animals fill the list of runs
     async def sweeper() -> None:
         end_orphans()
         async with get_client() as client:
-            await _skip_missed(client)
+            me = await client.read_flow_run(UUID(this_run.id))
+            await _skip_missed(client, me)
+            if await is_swept(client, me):
+                return
             mended = await sweep(client, unstarted=unstarted)
         if mended:
             await create_table_artifact([vars(m) for m in mended], key="sweeper")
@@ -84,8 +91,11 @@ async def sweep(
             await mend(run, Crashed(message=f"taken by a worker {age.seconds} s ago and never started"), "crashed", "never started")
         elif run.state.type == StateType.CANCELLING and age > UNSTOPPED:
             await mend(run, Cancelled(message="its worker did not answer"), "cancelled", "its worker did not answer")
+    sweepers = await _flow(client, "sweeper")
     for run in await _runs(client, StateType.CRASHED, since=now() - LOOK_BACK):
-        if run.deployment_id is None or _parent(run) is not None or run.name == this_run.name:
+        if run.deployment_id is None or _parent(run) is not None or run.flow_id == sweepers:
+            continue
+        if now() - run.state.timestamp < RESTED:
             continue
         why, tries = run.state.message or "no reason given", _tries(run)
         if tries < TRIES:
@@ -103,6 +113,13 @@ async def _runs(client: PrefectClient, *types: StateType, since: datetime | None
     while page := await client.read_flow_runs(flow_run_filter=wanted, limit=200, offset=len(found)):
         found += page
     return found
+
+
+async def _flow(client: PrefectClient, name: str) -> UUID | None:
+    try:
+        return (await client.read_flow_by_name(name)).id
+    except ObjectNotFound:
+        return None
 
 
 def _parent(run: FlowRun) -> UUID | None:
@@ -126,9 +143,17 @@ async def _is_silent(client: PrefectClient, run: FlowRun, now: datetime) -> bool
     return not (await client.read_events(beats, limit=1)).events
 
 
-async def _skip_missed(client: PrefectClient) -> None:
+async def is_swept(client: PrefectClient, me: FlowRun) -> bool:
+    """Whether an earlier sweep is still at work: on a machine out of breath they would pile up and stand in each other's way."""
+    recent = await _runs(client, StateType.RUNNING, since=me.start_time - SILENT)
+    return any(run.flow_id == me.flow_id and run.id != me.id and run.start_time < me.start_time for run in recent)
+
+
+async def _skip_missed(client: PrefectClient, me: FlowRun) -> None:
     """After a night without workers one sweep is enough."""
-    me = await client.read_flow_run(UUID(this_run.id))
     for run in await _runs(client, StateType.SCHEDULED):
         if run.flow_id == me.flow_id and run.expected_start_time < me.expected_start_time:
             await client.set_flow_run_state(run.id, Cancelled(message="a later sweep did this"))
+
+
+sweeper = sweeper_flow()  # here, not in `deployed.py`: a process every two minutes need not import the pipeline

@@ -1,7 +1,7 @@
 """The service: what dispatch costs, planning a large dataset, throughput, chaos, races and malformed inputs.
 
     python -m tests.benchmarks.service    QUICK=1: a tenth    FULL=1: 100 kills    JSON=1: JSON on stdout    ONLY=word: rows whose part contains it
-                                          SEQUENCES=40: so many instead of 200, with all the kills
+                                          SEQUENCES=40 KILLS=12: so many instead of 200 and 30
 
 Needs PostgreSQL (PHYSAVATAR_TEST_POSTGRES, default postgresql://postgres@127.0.0.1:5432), else SQLite is used and the table says so. The
 sequences are those of the tiny line (tests/service/tiny.py): two stages on two pools whose science takes 50 ms, so that what is measured
@@ -101,10 +101,11 @@ def dispatching() -> Iterator[Row]:
 def throughput() -> Iterator[Row]:
     """A dataset through server, database and four workers, undisturbed."""
     from tests.service.chaos import endure
-    from tests.service.place import service
+    from tests.service.place import fourth_worker, service
 
     n = sequences()
     with _place() as place, service(place) as supervisor:
+        fourth_worker(supervisor)
         outcome = endure(place, supervisor, sequences=n, chaos=None, database=supervisor.database)
         kind = "PostgreSQL" if supervisor.database else "SQLite"
     yield f"throughput ({kind}): completed of {n} sequences", outcome.completed, str(n), outcome.completed == n
@@ -116,13 +117,14 @@ def throughput() -> Iterator[Row]:
 def chaos() -> Iterator[Row]:
     """The same dataset while it is killed at."""
     from tests.service.chaos import Chaos, endure, small_disk
-    from tests.service.place import service
+    from tests.service.place import fourth_worker, service
 
-    n, kills = sequences(), 100 if FULL else tenth(30)
+    n, kills = sequences(), int(os.environ.get("KILLS", 100 if FULL else tenth(30)))
     with _place() as place, small_disk(place / "store", 64 + n) as mounted, service(place) as supervisor:
+        fourth_worker(supervisor)
 
         def trouble(database: str | None) -> Chaos:
-            return Chaos(supervisor, place / "store", database, kills, 1, 2 * int(mounted))
+            return Chaos(supervisor, place / "store", database, kills, 1, 2 * int(mounted), n)
 
         outcome = endure(place, supervisor, sequences=n, chaos=trouble, database=supervisor.database)
     total = sum(outcome.kills.values())

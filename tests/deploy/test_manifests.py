@@ -1,13 +1,15 @@
 """What an operator applies: Kubernetes manifests fit their schemas, and every file that names pools, flows, images or passwords agrees."""
 
+import json
 import re
 from pathlib import Path
 
 import kubernetes_validate
+import prefect
 import pytest
 import yaml
 
-from flows.service.deployments import job_variables, read, with_parameter
+from flows.service.deployments import job_variables, read, with_defaults, with_parameter
 from flows.service.parameters import POOLS
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -24,6 +26,12 @@ def documents(path: Path) -> list[dict]:
 def pods() -> list[tuple[str, dict]]:
     found = [d for path in MANIFESTS for d in documents(path) if d["kind"] in ("Deployment", "StatefulSet", "Job")]
     return [(d["metadata"]["name"], d["spec"]["template"]) for d in found]
+
+
+def prefects_template() -> dict:
+    """What a job in a Kubernetes pool is before we say anything; Prefect brings it along."""
+    views = json.loads((Path(prefect.__file__).parent / "server/api/collections_data/views/aggregate-worker-metadata.json").read_text())
+    return views["prefect-kubernetes"]["kubernetes"]["default_base_job_configuration"]
 
 
 @pytest.mark.parametrize("path", MANIFESTS, ids=lambda p: p.name)
@@ -66,6 +74,15 @@ def test_gpu_pools_ask_for_a_gpu():
     assert asking == {"tracking", "rendering"} == {name for name, pod in pods() if "nodeSelector" in pod["spec"]}
     assert {n for n, s in COMPOSE["services"].items() if s.get("profiles") == ["gpu"]} == asking
     assert {n for n, v in job_variables("docker").items() if "container_create_kwargs" in v} == asking
+    templates = {name: with_defaults(prefects_template(), v) for name, v in job_variables("kubernetes").items()}
+    jobs = {name: t["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]["containers"][0] for name, t in templates.items()}
+    assert {name for name, job in jobs.items() if job["resources"]["limits"].get("nvidia.com/gpu") == 1} == asking
+
+
+def test_defaults_of_jobs_are_variables_that_prefect_knows():
+    known = set(prefects_template()["variables"]["properties"])
+    for name, variables in job_variables("kubernetes").items():
+        assert set(variables) - {"gpus"} <= known, name
 
 
 def test_deployments_name_pools_and_queues_that_exist():

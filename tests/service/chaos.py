@@ -30,6 +30,7 @@ from tests.service.place import execute
 STAGES = ("capture", "cloth")
 KINDS = ("engine", "solver", "worker", "connection", "engine and worker")
 FROZEN_S, FULL_S, LIMIT_S = 20.0, 5.0, 1800.0
+LIMIT_PER_SEQUENCE_S, PATIENCE_S = 30.0, 60.0
 EARLY = 4
 
 
@@ -54,7 +55,10 @@ class Outcome:
 
 @dataclass
 class Chaos:
-    """Kills at random moments in a thread of its own, until `kills` were made or it is told to stop."""
+    """Kills at random moments in a thread of its own, until `kills` were made or it is told to stop.
+
+    With `sequences` the deeds are spread over the run: the n-th waits for its share of them to be in the store, or for a minute.
+    """
 
     supervisor: Supervisor
     store: Path
@@ -62,6 +66,7 @@ class Chaos:
     kills: int
     freezes: int
     full_disks: int
+    sequences: int = 0
     pause_s: tuple[float, float] = (2.0, 8.0)
     seed: int = 1
     done: Counter = field(default_factory=Counter)
@@ -75,7 +80,9 @@ class Chaos:
         chance.shuffle(deeds)
         for rare in ["freeze"] * self.freezes + ["disk full"] * self.full_disks:  # early, so that a short run has them too
             deeds.insert(chance.randrange(min(len(deeds), EARLY) + 1), rare)
+        many = len(deeds)
         while deeds and not self.stopped.wait(chance.uniform(*self.pause_s)):
+            self._await(self.sequences * (many - len(deeds)) / many)
             if self._do(deeds[0], chance):
                 deeds.pop(0)
             else:
@@ -103,6 +110,14 @@ class Chaos:
             os.kill(chance.choice(victims[deed]).pid, signal.SIGKILL)
             self.done[deed] += 1
         return True
+
+    def _await(self, finished: float) -> None:
+        until = time.monotonic() + PATIENCE_S
+        while self._finished() < finished and time.monotonic() < until and not self.stopped.wait(1.0):
+            pass
+
+    def _finished(self) -> int:
+        return sum(1 for _ in self.store.glob(f"*/*/{STAGES[-1]}/*/manifest.json"))
 
     def _own(self) -> Iterator[Process]:
         for process in processes():
@@ -164,8 +179,9 @@ def endure(
     if thread:
         thread.start()
     try:
-        with suppress(WorkFailed):
-            asyncio.run(asyncio.wait_for(dispatch(Work("dataset/service", {}, f"chaos-{place.name}", "dataset")), LIMIT_S))
+        with suppress(WorkFailed, TimeoutError):  # what is late is told as what it is: neither complete nor failed
+            limit_s = max(LIMIT_S, LIMIT_PER_SEQUENCE_S * sequences)
+            asyncio.run(asyncio.wait_for(dispatch(Work("dataset/service", {}, f"chaos-{place.name}", "dataset")), limit_s))
     finally:
         if trouble and thread:
             trouble.stopped.set()

@@ -14,7 +14,7 @@ import pytest
 
 from flows.service.deployments import read
 from flows.service.parameters import ServiceParameters
-from flows.service.server import adopt
+from flows.service.server import adopt, worker_command
 from flows.service.supervisor import Supervisor
 from flows.service.up import stay, up
 from tests.service import tiny
@@ -82,6 +82,11 @@ def service(place: Path, *, workers: dict[str, int] | None = None, **more: Any) 
         for name in os.environ.keys() - before.keys():
             del os.environ[name]
         adopt({})
+
+
+def fourth_worker(supervisor: Supervisor) -> None:
+    """Another worker in the simulation pool, as a second machine would be."""
+    supervisor.keep("simulation again", worker_command("simulation", 3, "another-simulation"))
 
 
 def order(actor: str, sequence: str) -> dict[str, Any]:

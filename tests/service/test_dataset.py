@@ -13,6 +13,7 @@ from flows.service.campaign import Campaign, over_quota, run_campaign
 from flows.service.dispatch import WorkFailed
 from storage_schemas.store import Store
 from tests.service import tiny
+from tests.service.finished import finished_sequences
 
 
 @pytest.fixture
@@ -101,7 +102,7 @@ def run(monkeypatch, dispatched, **wishes) -> Campaign:
 
     monkeypatch.setattr(campaign, "dispatch", dispatch)
     monkeypatch.setattr(campaign, "_keep_shown", unseen)
-    monkeypatch.setattr(campaign, "_show_table", unseen)
+    monkeypatch.setattr(campaign, "_show", unseen)
     settings = tiny.load()
     settings = settings.model_copy(update={"dataset": settings.dataset.model_copy(update=wishes)})
     return asyncio.run(run_campaign(tiny.SERVICE, settings, find_sequences(settings.data)))
@@ -156,3 +157,11 @@ def test_quotas_say_what_is_used(place):
     assert over_quota(Campaign(store.root, gpu_seconds=7199.0), DatasetParameters(gpu_hours=2.0, keep_free_gb=0.0), store) is None
     compute(first())
     assert "store holds" in over_quota(Campaign(store.root), DatasetParameters(store_gb=1e-9, keep_free_gb=0.0), store)
+
+
+def test_every_stage_of_the_avatar_has_an_archived_stand_in_to_plan_over(tmp_path, monkeypatch):
+    monkeypatch.setenv("PHYSAVATAR_CACHE", str(tmp_path / "cache"))
+    service, settings = finished_sequences(tmp_path, 3)
+    store = Store(settings.store)
+    found = plan_dataset(find_sequences(settings.data), lambda at: service.request(at, settings, store), store)
+    assert counts(found) == {"finished": 3}

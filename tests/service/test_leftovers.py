@@ -12,7 +12,7 @@ from flows.service.leftovers import RUN_ID, end_orphans, processes
 from flows.service.supervisor import MARK, Supervisor, end_marked
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
-ENGINE = [sys.executable, "-c", "import time; time.sleep(60)", "prefect.engine"]
+ENGINES = [[*SLEEP, name] for name in ("prefect.engine", "flows.service")]
 
 
 @pytest.fixture
@@ -40,9 +40,10 @@ def ended(process: subprocess.Popen, seconds: float = 10.0) -> bool:
     return True
 
 
-def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start):
+@pytest.mark.parametrize("command", ENGINES)
+def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start, command):
     orphan = start(SLEEP, **{RUN_ID: "gone"})
-    engine, solver = start(ENGINE, **{RUN_ID: "here"}), start(SLEEP, **{RUN_ID: "here"})
+    engine, solver = start(command, **{RUN_ID: "here"}), start(SLEEP, **{RUN_ID: "here"})
     stranger = start(SLEEP)
     assert orphan.pid in end_orphans()
     assert ended(orphan)

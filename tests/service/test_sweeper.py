@@ -5,10 +5,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from prefect.client.orchestration import get_client
-from prefect.states import Cancelled, Completed, Crashed, Pending, Running
+from prefect.states import Cancelled, Completed, Crashed, Pending, Running, Scheduled
 
 from flows.service import sweeper
-from flows.service.sweeper import TRIES, sweep
+from flows.service.sweeper import TRIES, is_swept, sweep
 from tests.service.place import order
 
 LATER = timedelta(minutes=10)
@@ -61,6 +61,51 @@ def test_after_three_tries_it_fails_with_the_last_reason(swept):
 def test_what_a_parent_dispatched_is_left_to_it(swept):
     state, said = swept(Crashed(message="gone"), tags=["parent:00000000-0000-0000-0000-000000000000"])
     assert said == [] and state.is_crashed()
+
+
+def test_a_crash_rests_before_the_run_is_given_to_a_worker_again(running):
+    async def go():
+        async with get_client() as client:
+            deployment = await client.read_deployment_by_name("vision/idle")
+            run = await client.create_flow_run_from_deployment(deployment.id, parameters=_parameters())
+            await client.set_flow_run_state(run.id, Crashed(message="frozen"), force=True)
+            said = [m for m in await sweep(client) if m.run == run.name]
+            return (await client.read_flow_run(run.id)).state, said
+
+    state, said = asyncio.run(go())
+    assert said == [] and state.is_crashed()
+
+
+def test_a_crashed_sweeper_is_followed_by_the_next_one_not_repeated(running):
+    async def go():
+        async with get_client() as client:
+            deployment = await client.read_deployment_by_name("sweeper/service")
+            tomorrow = Scheduled(scheduled_time=datetime.now(UTC) + timedelta(days=1))  # a worker must not take it
+            run = await client.create_flow_run_from_deployment(deployment.id, state=tomorrow)
+            await client.set_flow_run_state(run.id, Crashed(message="gone"), force=True)
+            said = [m for m in await sweep(client, later) if m.run == run.name]
+            return (await client.read_flow_run(run.id)).state, said
+
+    state, said = asyncio.run(go())
+    assert said == [] and state.is_crashed()
+
+
+def test_of_two_sweeps_at_once_the_later_one_leaves(running):
+    async def go():
+        async with get_client() as client:
+            deployment = await client.read_deployment_by_name("sweeper/service")
+            tomorrow = Scheduled(scheduled_time=datetime.now(UTC) + timedelta(days=1))
+            both = [await client.create_flow_run_from_deployment(deployment.id, state=tomorrow) for _ in range(2)]
+            for run in both:
+                await client.set_flow_run_state(run.id, Running(), force=True)
+            both = [await client.read_flow_run(run.id) for run in both]
+            found = [await is_swept(client, run) for run in both]
+            for run in both:
+                await client.set_flow_run_state(run.id, Completed(), force=True)
+            return found[1], await is_swept(client, both[1])
+
+    later_leaves, alone_leaves = asyncio.run(go())
+    assert later_leaves and not alone_leaves
 
 
 def test_a_child_of_a_cancelled_parent_is_cancelled(running):

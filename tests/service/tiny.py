@@ -8,10 +8,8 @@ say in `parts` how many processes shared that.
 import os
 import signal
 import time
-from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,12 +21,12 @@ from flows.service.campaign import dataset_flow
 from flows.service.group import group_flow
 from flows.service.joining import helper_flow
 from flows.service.order import Service
-from flows.service.sweeper import sweeper_flow
 from storage_schemas.fields import array
 from storage_schemas.record import Record
 from tasks.child_process import run_in_children
 from tasks.geometry.faults import BadInput, Fault
 from tasks.stage import Folder, Job, Parameters, stage
+from tests.service.tiny_solver import slowly
 
 HERE = Path(__file__)
 
@@ -47,7 +45,7 @@ class ClothParameters(Parameters):
     scale: float = 1.0
 
 
-@stage("capture", version=1, pool="vision", timeout_s=60)
+@stage("capture", version=1, pool="vision", timeout_s=600)
 def capture(job: Job, parameters: CaptureParameters) -> Tiny:
     text = (Path(parameters.recording) / "text").read_text()
     if "refuse" in text:
@@ -59,7 +57,7 @@ def capture(job: Job, parameters: CaptureParameters) -> Tiny:
     return Tiny(values=np.ones((2, 3), np.float32), seconds=float(text.split()[0]), parts=parts)
 
 
-@stage("cloth", version=1, pool="simulation", timeout_s=60, retries=1, spreads=True)
+@stage("cloth", version=1, pool="simulation", timeout_s=600, retries=1, spreads=True)
 def cloth(job: Job, capture: Tiny, parameters: ClothParameters) -> Tiny:
     with (job.checkpoint / "computed").open("a") as log:
         log.write("once\n")
@@ -70,7 +68,7 @@ def cloth(job: Job, capture: Tiny, parameters: ClothParameters) -> Tiny:
         where = run(partial(part, capture.seconds), range(capture.parts))
         return Tiny(values=capture.values * parameters.scale, seconds=capture.seconds, parts=len(set(where)))
     (result,) = run_in_children(
-        slowly, [(capture.seconds, parameters.scale)], limit_s=60, on_message=lambda i, m: job.progress(m, "solving")
+        slowly, [(capture.seconds, parameters.scale)], limit_s=600, on_message=lambda i, m: job.progress(m, "solving")
     )
     return Tiny(values=capture.values * result, seconds=capture.seconds)
 
@@ -79,14 +77,6 @@ def part(seconds: float, number: int) -> int:
     """One of several parts; the process that computed it."""
     time.sleep(seconds)
     return os.getpid()
-
-
-def slowly(seconds: float, scale: float, tell: Any) -> float:
-    until = time.monotonic() + seconds
-    while (left := until - time.monotonic()) > 0:
-        tell(1 - left / seconds)
-        time.sleep(min(left, 0.5))
-    return scale
 
 
 def order(run: Run) -> None:
@@ -116,7 +106,6 @@ simulation = group_flow(SERVICE, "simulation")
 helper = helper_flow(SERVICE)
 actor = actor_flow(SERVICE)
 dataset = dataset_flow(SERVICE)
-sweeper = sweeper_flow(unstarted=timedelta(seconds=60))
 
 
 def recording(data: Path, actor: str, sequence: str, text: str = "0.05") -> Path:
