@@ -5,15 +5,17 @@ the offset):
 
     penetration   skin inside another part of the collider, by p            p / (1 − n·m) + c
     narrow gap    skin that faces other skin at a distance g < 2c           ½ (2c − g)
-    pins          a prescribed cloth node at signed distance σ < c          c − σ
+    pins          a prescribed cloth node, or a point of an edge between
+                  two of them, at signed distance σ < c                     c − σ
 
 p is the distance to the nearest skin that looks elsewhere, m that skin's normal and n the vertex's own: both parts are drawn in to where they
-are equally far from either, half of p each where they face one another. g is the distance along the normal; inside by the generalised winding
-number (Jacobson et al. 2013). What was covered is examined again once drawn in, for creases and curved skin are left short by one pass; gaps are
-asked for once, at the end, for a crease is narrow however deep it is drawn in.
+are equally far from either, half of p each where they face one another. g is the distance along the normal; σ of a covered pin that to the skin
+behind which it lies; inside by the generalised winding number (Jacobson et al. 2013). What was covered is examined again once drawn in, for
+creases and curved skin are left short by one pass; gaps are asked for once, at the end, for a crease is narrow however deep it is drawn in.
 
-Penetration and gaps are given way to by at most ½ max p + c, so a limb that another part has swallowed whole stays there, and cloth around it is
-blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than 0.1 m; skin without thickness.
+Penetration and gaps are given way to by at most ½ max p + c, pins by at most c − min σ. So a limb that another part has swallowed whole stays
+there, and cloth around it is blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than
+0.1 m; skin without thickness.
 """
 
 from dataclasses import dataclass
@@ -23,7 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tasks.geometry.distances import closest_points, inside, signed_distance
+from tasks.geometry.distances import closest_points, inside
 from tasks.geometry.meshes import edges, face_normals, vertex_normals
 
 Array = NDArray[np.float64]
@@ -31,6 +33,8 @@ Indices = NDArray[np.int32]
 REACH = 0.12  # [m], more than the deepest skin can lie behind cloth
 MOST = 0.1  # [m]
 PASSES = 8
+BETWEEN = (0.25, 0.5, 0.75)  # places on an edge between pinned nodes that are kept clear
+NO_EDGES = np.empty((0, 2), np.int32)
 NOTHING = 1e-5  # [m] of penetration that is not worth another pass
 
 
@@ -50,19 +54,27 @@ class Yielded:
         return f"{np.count_nonzero(self.depth)} collider vertices gave way, at most {1e3 * self.depth[worst]:.1f} mm at vertex {worst}"
 
 
-def give_way(collider: Array, faces: Indices, *, cloth: Array, pins: Array, clearance: float) -> tuple[Array, Yielded]:
-    """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3]; faces [F, 3], clearance c [m]."""
+def give_way(
+    collider: Array, faces: Indices, *, cloth: Array, pins: Array, clearance: float, held_edges: Indices = NO_EDGES
+) -> tuple[Array, Yielded]:
+    """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3] or the edges [J, 2] between them.
+
+    faces [F, 3], clearance c [m].
+    """
     if not len(faces):
         return collider, Yielded(np.zeros(len(collider)))
-    normals, e = vertex_normals(collider, faces), edges(faces)
+    normals, e, held = vertex_normals(collider, faces), edges(faces), _along(pins, held_edges)
     near = np.flatnonzero(cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH)
     under, p = _covered_depth(collider, faces, normals, near, clearance)
-    most = min(0.5 * p + clearance, MOST)
-    pinned = _ring_maximum(np.minimum(pin_depth(collider, faces, pins, clearance), MOST), e)
-    depth = np.maximum(pinned, np.minimum(_ring_maximum(under, e), most))
+    pinned = pin_depth(collider, faces, held, clearance)
+    most, most_pinned = min(0.5 * p + clearance, MOST), min(pinned.max(), MOST)
+    depth = np.minimum(_ring_maximum(under, e), most)
     for _ in range(PASSES):
-        under, p = _covered_depth(draw_in(collider, normals, depth), faces, normals, near, 0.5 * clearance)
-        if p < NOTHING:
+        depth = np.maximum(depth, np.minimum(depth + _ring_maximum(pinned, e), most_pinned))
+        drawn = draw_in(collider, normals, depth)
+        under, p = _covered_depth(drawn, faces, normals, near, 0.5 * clearance)
+        pinned = pin_depth(drawn, faces, held, clearance)
+        if p < NOTHING and pinned.max() < 0.5 * clearance:
             break
         depth = np.maximum(depth, np.minimum(depth + _ring_maximum(under, e), most))
     narrow = _gap_depth(draw_in(collider, normals, depth), faces, normals, near, clearance)
@@ -76,16 +88,23 @@ def draw_in(collider: Array, normals: Array, depth: Array) -> Array:
 
 
 def pin_depth(collider: Array, faces: Indices, pins: Array, clearance: float) -> Array:
-    """Depth [C] demanded by pinned nodes [B, 3] that lie under the skin or on it."""
+    """Depth [C] demanded by pinned points [B, 3] that lie under the skin or on it."""
     depth = np.zeros(len(collider))
     if not len(pins):
         return depth
-    σ = signed_distance(pins, collider, faces)
-    for i in np.flatnonzero(σ < clearance):
-        foot = closest_points(pins[i : i + 1], collider, faces)
-        corners = faces[foot.face[0]]
-        depth[corners] = np.maximum(depth[corners], clearance - σ[i])
+    closest = closest_points(pins, collider, faces)
+    σ, face = closest.distance, closest.face
+    covered = inside(pins, collider, faces)
+    σ[covered], face[covered] = _nearest_from_behind(collider, pins[covered], faces, face_normals(collider, faces))
+    low = σ < clearance
+    np.maximum.at(depth, faces[face[low]], (clearance - σ[low])[:, None])
     return depth
+
+
+def _along(pins: Array, held_edges: Indices) -> Array:
+    """Pins and points between them [P, 3]: collision is not asked of what is prescribed, so skin could come through an edge."""
+    a, b = pins[held_edges[:, 0]], pins[held_edges[:, 1]]
+    return np.concatenate([pins, *(a + share * (b - a) for share in BETWEEN)])
 
 
 def _covered_depth(x: Array, faces: Indices, normals: Array, asked: Indices, clearance: float) -> tuple[Array, float]:
@@ -123,6 +142,21 @@ def _gap(x: Array, asked: Indices, normal: Array, faces: Indices, away: Array, r
     count = np.array([len(n) for n in near], np.int64)
     listed = np.concatenate([np.asarray(n, np.int64) for n in near]) if count.sum() else np.empty(0, np.int64)
     return _first_hit(x, asked, normal, faces, away, reach, listed, np.concatenate([[0], np.cumsum(count)]))
+
+
+@njit(cache=True, nogil=True)
+def _nearest_from_behind(x, points, faces, away):
+    """σ = −distance [P] of points to the nearest face that they lie behind, and that face [P]: where parts meet, the nearest may be before them."""
+    σ, face = np.full(len(points), -np.inf), np.zeros(len(points), np.int64)
+    for i in range(len(points)):
+        q = points[i]
+        for f in range(len(faces)):
+            a, b, c = faces[f]
+            if np.sum(away[f] * (x[a] - q)) > 0:
+                d = np.sqrt(np.sum((_closest(q, x[a], x[b], x[c]) - q) ** 2))
+                if -d > σ[i]:
+                    σ[i], face[i] = -d, f
+    return σ, face
 
 
 @njit(cache=True, nogil=True)

@@ -33,8 +33,8 @@ def test_garments_begin_off_the_skin(garment):
 
 def test_pressed_arms_enter_the_body():
     case = build("cape", "press", 0)
-    depth = [penetration(x, case.collider.faces) for x in case.collider_motion[[0, 9]]]
-    assert depth[0] == 0 and depth[1] > 0.01
+    depth = [penetration(x, case.collider.faces) for x in case.collider_motion[[0, 9, 10]]]
+    assert depth[0] == 0 and 0.005 < max(depth) < 0.042
 
 
 @pytest.mark.parametrize(("garment", "act", "frame"), [("top", "crouch", 8), ("skirt", "cross", 6), ("cape", "press", 10)])
@@ -61,4 +61,4 @@ def crossings(x, faces):
 @pytest.mark.parametrize("case", names()[::11])
 def test_a_run_goes_through(case):
     outcome = examine(*case)
-    assert outcome.ending == "converged" and not outcome.crossing and outcome.beyond <= 0
+    assert outcome.ending == "converged" and not outcome.crossing and outcome.beyond < 1e-9
