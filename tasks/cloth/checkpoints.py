@@ -1,21 +1,27 @@
 """What a killed fit leaves behind: where a search by differences stands, and the frames of the replay it was in.
 
-A fit that is begun again must end as if nobody had killed it, and a replay taken up at a frame does not: its integrator has lost its history. So a replay
-begins anew, unless the process has died in it `DEATHS` times: then the simulation is held to be the cause, and goes on from its last frame in smaller steps.
+A fit that is begun again must end as if nobody had killed it. So a replay goes on from where it stood after its last frame (`simulator/standing.py`), to the
+same bits. A replay that was already going on more carefully left nothing of that kind and begins anew. Once processes have died in a replay `DEATHS` times
+without getting further, the simulation is held to be the cause, and goes on from its last frame in smaller steps.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from tasks.cloth.adam_fd import Descent
 from tasks.cloth.scene import FrameMemory
-from tasks.simulator import Fabric, Frame
+from tasks.simulator import Fabric, Frame, Standing
+
+Array = NDArray
+STANDING = "standing."  # before the names of the arrays that say where it stood
 
 
 def save_descent(path: Path, descent: Descent) -> None:
@@ -36,67 +42,81 @@ DEATHS = 3
 
 
 class FrameFile(FrameMemory):
-    """Frames of one replay in one file, rewritten after every frame; recalled only for the very fabric they were simulated with, after `DEATHS`."""
+    """Frames of one replay in one file, rewritten after every frame; recalled only for the very fabric they were simulated with."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.deaths = path, 0
+        self.path, self.deaths, self.furthest = path, 0, 0
 
     @override
-    def recall(self, fabric: Fabric) -> Sequence[Frame]:
+    def recall(self, fabric: Fabric) -> tuple[Sequence[Frame], Standing | None]:
         try:
             with np.load(self.path) as kept:
                 arrays = dict(kept)
         except (FileNotFoundError, BadZipFile, ValueError, EOFError):
-            return ()
-        self.path.unlink()
-        same = str(arrays["fabric"]) == _name(fabric)
-        self.deaths = int(arrays["deaths"]) + 1 if same else 0
-        if self.deaths < DEATHS:
-            return ()
-        names = [str(n) for n in arrays["names"]]
-        return [
-            Frame(
-                index=i,
-                x=arrays["x"][i],
-                v=arrays["v"][i],
-                collider=arrays["collider"][i],
-                tangents={n: (arrays["dx"][i, k], arrays["dv"][i, k]) for k, n in enumerate(names)},
-                newton_iterations=int(arrays["newton"][i]),
-                seconds=float(arrays["seconds"][i]),
-            )
-            for i in range(len(arrays["x"]))
-        ]
+            return (), None
+        if str(arrays["fabric"]) != _name(fabric):
+            self.forget()
+            return (), None
+        self.deaths, self.furthest = int(arrays["deaths"]) + 1, int(arrays["furthest"])
+        _save(self.path, arrays | {"deaths": np.array(self.deaths)})  # a frame that kills is not gone on with for ever
+        stood = {name.removeprefix(STANDING): value for name, value in arrays.items() if name.startswith(STANDING)}
+        if self.deaths >= DEATHS:
+            return _frames(arrays), None
+        return (_frames(arrays), Standing.from_arrays(stood)) if stood else ((), None)
 
     @override
-    def keep(self, fabric: Fabric, frames: Sequence[Frame]) -> None:
+    def keep(self, fabric: Fabric, frames: Sequence[Frame], standing: Standing | None) -> None:
+        if len(frames) > self.furthest:
+            self.deaths, self.furthest = 0, len(frames)
         names = list(frames[0].tangents)
         shape = (len(names), *frames[0].x.shape)
         columns = [np.array([[f.tangents[n][k] for n in names] for f in frames]).reshape(len(frames), *shape) for k in (0, 1)]
-        aside = self.path.with_suffix(".tmp")
-        with aside.open("wb") as file:
-            np.savez(
-                file,
-                fabric=np.array(_name(fabric)),
-                deaths=np.array(self.deaths),
-                names=np.array(names, dtype=np.str_),
-                x=np.stack([f.x for f in frames]),
-                v=np.stack([f.v for f in frames]),
-                collider=np.stack([f.collider for f in frames]),
-                dx=columns[0],
-                dv=columns[1],
-                newton=np.array([f.newton_iterations for f in frames]),
-                seconds=np.array([f.seconds for f in frames]),
-            )
-        aside.replace(self.path)
+        arrays = {
+            "fabric": np.array(_name(fabric)),
+            "deaths": np.array(self.deaths),
+            "furthest": np.array(self.furthest),
+            "names": np.array(names, dtype=np.str_),
+            "x": np.stack([f.x for f in frames]),
+            "v": np.stack([f.v for f in frames]),
+            "collider": np.stack([f.collider for f in frames]),
+            "dx": columns[0],
+            "dv": columns[1],
+            "newton": np.array([f.newton_iterations for f in frames]),
+            "seconds": np.array([f.seconds for f in frames]),
+        }
+        stood = {} if standing is None else {STANDING + name: value for name, value in standing.as_arrays().items()}
+        _save(self.path, arrays | stood)
 
     @override
     def forget(self) -> None:
         self.path.unlink(missing_ok=True)
-        self.deaths = 0
+        self.deaths = self.furthest = 0
 
 
 def _name(fabric: Fabric) -> str:
     return json.dumps(asdict(fabric))
+
+
+def _frames(arrays: Mapping[str, Array]) -> list[Frame]:
+    names = [str(n) for n in arrays["names"]]
+    return [
+        Frame(
+            index=i,
+            x=arrays["x"][i],
+            v=arrays["v"][i],
+            collider=arrays["collider"][i],
+            tangents={n: (arrays["dx"][i, k], arrays["dv"][i, k]) for k, n in enumerate(names)},
+            newton_iterations=int(arrays["newton"][i]),
+            seconds=float(arrays["seconds"][i]),
+        )
+        for i in range(len(arrays["x"]))
+    ]
+
+
+def _save(path: Path, arrays: Mapping[str, Array]) -> None:
+    file = BytesIO()
+    np.savez(file, **arrays)
+    _write(path, file.getvalue())
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -1,11 +1,12 @@
 """A replay that goes on after a difficulty: from its last good frame, with a smaller step or a looser start, at most as often as allowed.
 
 A simulation can stall (Newton's method does not converge), crawl (a frame costs more processor time than allowed) or have been killed (frames
-of an earlier process are handed in). Attempt n takes 2ⁿ times the substeps; the last one also settles for ten times the residual. Where
-not even the first step succeeded, the start is loosened: at rest instead of at the observed velocity, and allowed to lie twice as near.
+of an earlier process are handed in). One that left where it stood goes on as if nobody had killed it. Attempt n takes 2ⁿ times the substeps; the
+last one also settles for ten times the residual. Where not even the first step succeeded, the start is loosened: at rest instead of at the
+observed velocity, and allowed to lie twice as near.
 
 Tangents are linear in their start, so what a column held at the last good frame enters the next attempt as a mode of its start state.
-BDF2 begins anew with one backward Euler step: a restart costs accuracy of the order of one step.
+BDF2 begins anew with one backward Euler step: such a restart costs accuracy of the order of one step.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,10 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings, simulate
+from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings, Standing, simulate
 from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
+OnFrame = Callable[[Sequence[Frame], Standing | None], None]
 BEFORE = " before"  # marks the column that carries on what was gathered in earlier attempts
 
 
@@ -62,18 +64,24 @@ def persevere(
     tangents: tuple[str, ...] = (),
     patience: Patience = PATIENT,
     kept: Sequence[Frame] = (),
-    on_frame: Callable[[Sequence[Frame]], None] = lambda frames: None,
+    standing: Standing | None = None,
+    on_frame: OnFrame = lambda frames, standing: None,
 ) -> Journey:
-    """All frames of a drive, or as many as can be had. kept: frames of a process that was killed; `on_frame` hears of all so far after each."""
+    """All frames of a drive, or as many as can be had. `on_frame` hears of all so far after each, and where the first attempt stands.
+
+    kept: frames of a process that was killed, and where it stood if it is to go on in the same way.
+    """
     frames, reasons = list(kept), []
-    if kept:
+    eased = bool(kept) and standing is None
+    if eased:
         reasons.append(f"killed after frame {len(kept) - 1}: gone on from there with twice the substeps")
     ending = CONVERGED
-    for attempt in range(bool(kept), patience.attempts + bool(kept)):
+    for attempt in range(eased, patience.attempts + eased):
         now, start = _eased(settings, drive, attempt, last=attempt + 1 >= patience.attempts, begun=len(frames) > 1)
         if len(frames) <= 1 and attempt:
             frames = []
-        ending = _go_on(start, fabric, now, tangents, patience, frames, on_frame)
+        anew = not attempt  # as if nothing had happened: from the start, or from where it stood
+        ending = _go_on(start, fabric, now, tangents, patience, frames, on_frame, standing if anew else None, anew=anew)
         if ending == CONVERGED:
             break
         reasons.append(f"attempt {attempt + 1}, {now.substeps} substeps, after frame {max(len(frames) - 1, 0)}: {ending}")
@@ -98,12 +106,16 @@ def _go_on(
     tangents: tuple[str, ...],
     patience: Patience,
     frames: list[Frame],
-    on_frame: Callable[[Sequence[Frame]], None],
+    on_frame: OnFrame,
+    standing: Standing | None,
+    *,
+    anew: bool,
 ) -> str:
-    """Append frames from the last one on; how it ended."""
-    first = max(len(frames) - 1, 0)
-    last = frames[-1] if frames else None
+    """Append frames from the start or `standing` on, or else from the last one on by a simulation that begins there; how it ended."""
+    first = 0 if anew else max(len(frames) - 1, 0)
+    last = None if anew or not frames else frames[-1]
     modes = {name + BEFORE: last.tangents[name] for name in tangents} if last else {}
+    stood: list[Standing] = []
     walk = simulate(
         drive.cloth,
         fabric,
@@ -116,6 +128,8 @@ def _go_on(
         settings=settings,
         tangents=tangents,
         start_modes=modes,
+        resume=standing,
+        on_standing=stood.append,
     )
     for frame in walk:
         if last is not None and frame.index == 0:
@@ -127,7 +141,8 @@ def _go_on(
                 frames.append(frame)  # where the start stands, for a report of what could not begin
             return frame.ending
         frames.append(replace(frame, index=first + frame.index, tangents=_summed(frame, tangents)))
-        on_frame(frames)
+        on_frame(frames, stood[-1] if anew else None)
+        stood.clear()
         if frame.seconds > patience.frame_s and len(frames) < len(drive.collider_motion):
             return f"slow: the frame took {frame.seconds:.0f} s, {patience.frame_s:.0f} s are allowed"
     return CONVERGED

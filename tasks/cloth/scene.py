@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.perseverance import PATIENT, Drive, Patience, persevere
-from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings
+from tasks.simulator import Cloth, Collider, Fabric, Frame, Settings, Standing
 
 Array = NDArray[np.float64]
 
@@ -77,12 +77,12 @@ class Replay:
 class FrameMemory:
     """Keeps the frames of a replay in progress where a killed process leaves them. This one forgets; the door has one that writes."""
 
-    def recall(self, fabric: Fabric) -> Sequence[Frame]:
-        """Frames kept of a replay with this fabric, once: they are forgotten then."""
-        return ()
+    def recall(self, fabric: Fabric) -> tuple[Sequence[Frame], Standing | None]:
+        """Frames kept of a replay with this fabric, and where it stood after them (None: it is to go on more carefully)."""
+        return (), None
 
-    def keep(self, fabric: Fabric, frames: Sequence[Frame]) -> None:
-        """Remember the frames so far."""
+    def keep(self, fabric: Fabric, frames: Sequence[Frame], standing: Standing | None) -> None:
+        """Remember the frames so far, and where the simulation stands."""
 
     def forget(self) -> None:
         """The replay is over."""
@@ -93,14 +93,19 @@ FORGETFUL = FrameMemory()
 
 def replay(scene: Scene, fabric: Fabric, *, tangents: tuple[str, ...] = (), memory: FrameMemory = FORGETFUL) -> Replay:
     """Simulate the scene with a fabric, with the tangents of these parameters."""
-    kept = memory.recall(fabric)
+    kept, standing = memory.recall(fabric)
+    if kept and not set(tangents) <= set(kept[0].tangents):
+        kept, standing = (), None
+    if kept and standing is not None and tuple(kept[0].tangents) != tangents:
+        kept, standing = (), None
     journey = persevere(
         scene.drive,
         fabric,
         scene.settings,
         tangents=tangents,
         patience=scene.patience,
-        kept=kept if kept and set(tangents) <= set(kept[0].tangents) else (),
+        kept=kept,
+        standing=standing,
         on_frame=partial(memory.keep, fabric),
     )
     memory.forget()

@@ -38,5 +38,6 @@ def _yielded(recording: Recording, model: Model, near: Array) -> Motion:
         return motion
     clearance, driven = 2 * settings.barrier_distance + settings.contact_offset, recording.scene(model).driven(motion)
     each = zip(driven.collider, near, driven.boundary, strict=True)
-    drawn = np.stack([give_way(c, faces, cloth=x, pins=pins, clearance=clearance)[0] for c, x, pins in each])
+    held = model.subject.cloth.held_edges
+    drawn = np.stack([give_way(c, faces, cloth=x, pins=pins, clearance=clearance, held_edges=held)[0] for c, x, pins in each])
     return Motion(motion.collider + (drawn - driven.collider), motion.boundary)

@@ -33,6 +33,7 @@ class Creases(Potential):
     """P = Σ w [(θ − θ̄ − pπ)² − (θ − θ̄)²] over the hinges of the base, w their weights."""
 
     parameters = ("fabric_crease", "log_bending")
+    memory = ("π", "_dπ")
 
     def __init__(self, subject: Subject, share: float) -> None:
         self.base, self.share = HingeBending.of(subject.cloth, subject.fabric), share

@@ -22,6 +22,8 @@ from tasks.simulator.potential import NO_STIFFNESS, Array, Blocks, Potential, St
 class InternalFriction(Potential):
     """Friction of strength F on deformations q [K], given by the three methods below, with weights w [K] and extents c [K]."""
 
+    memory = ("z", "_dz")
+
     def __init__(self, name: str, strength: float, weight: Array, extent: Array) -> None:
         """The parameter `name` is F; the weights are understood to grow with the areal density."""
         self.parameters = (name, "log_density")

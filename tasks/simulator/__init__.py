@@ -5,5 +5,19 @@ from tasks.simulator.fabric import Fabric
 from tasks.simulator.potential import Blocks, Potential, Step, StepTangent
 from tasks.simulator.settings import Settings
 from tasks.simulator.simulate import Frame, simulate
+from tasks.simulator.standing import Standing
 
-__all__ = ["NO_COLLIDER", "Blocks", "Cloth", "Collider", "Fabric", "Frame", "Potential", "Settings", "Step", "StepTangent", "simulate"]
+__all__ = [
+    "NO_COLLIDER",
+    "Blocks",
+    "Cloth",
+    "Collider",
+    "Fabric",
+    "Frame",
+    "Potential",
+    "Settings",
+    "Standing",
+    "Step",
+    "StepTangent",
+    "simulate",
+]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.faults import Fault, refuse
-from tasks.geometry.meshes import face_areas, hinges, mesh_faults
+from tasks.geometry.meshes import edges, face_areas, hinges, mesh_faults
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -75,6 +75,14 @@ class Cloth:
     def vertex_areas(self) -> Array:
         """A third of the rest area of the faces around each vertex [V] m²."""
         return np.bincount(self.faces.ravel(), np.repeat(self.rest_areas / 3, 3), len(self.x_rest))
+
+    @property
+    def held_edges(self) -> Indices:
+        """Edges between prescribed vertices [J, 2], as places in `boundary`."""
+        place = np.full(len(self.x_rest), -1, np.int32)
+        place[self.boundary] = np.arange(len(self.boundary))
+        ends = place[edges(self.faces)]
+        return ends[(ends >= 0).all(1)]
 
     @property
     def hinges(self) -> Indices:

@@ -65,6 +65,15 @@ class LinearSystem:
         if len(self._blocks) > 1.5 * len(self._constant):
             self._keep(self._constant)
 
+    @property
+    def pattern(self) -> NDArray[np.int64]:
+        """The blocks that are kept."""
+        return self._blocks
+
+    def take(self, pattern: NDArray[np.int64]) -> None:
+        """Keep the blocks of another system of these nodes: the order of elimination, and with it the last bits, follow from them."""
+        self._keep(pattern)
+
     def assemble(self, terms: Sequence[Blocks | csc_matrix]) -> csc_matrix:
         """Sum of Hessians on the free nodes, lower triangle."""
         data = np.zeros(9 * len(self._blocks))

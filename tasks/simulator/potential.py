@@ -80,9 +80,13 @@ NO_STIFFNESS = Blocks(np.empty((0, 1), np.int32), np.empty((0, 3, 3)))
 
 
 class Potential(Protocol):
-    """One term. `parameters` names the θ that `parameter_gradient` can differentiate with respect to."""
+    """One term. `parameters` names the θ that `parameter_gradient` can differentiate with respect to.
+
+    `memory` names the attributes that `begin`, `accept` and `accept_tangent` set: arrays that are replaced, never written into.
+    """
 
     parameters: tuple[str, ...] = ()
+    memory: tuple[str, ...] = ()
 
     def energy(self, x: Array, step: Step) -> float:
         """P(x) [J]."""

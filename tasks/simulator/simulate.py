@@ -1,7 +1,7 @@
 """Simulate cloth: a generator of frames, deterministic on one thread, that knows no disk."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from tasks.simulator.newton import CONVERGED, Problem, Solution
 from tasks.simulator.potential import Potential, Step
 from tasks.simulator.preflight import Separated, inspect, separate
 from tasks.simulator.settings import BASE, Settings
+from tasks.simulator.standing import Standing
 from tasks.simulator.tangents import Modes, Tangents
 from tasks.simulator.time_integration import Rule, State, known, rule
 from tasks.simulator.yielding import Yielded, give_way
@@ -67,24 +68,28 @@ def simulate(
     start_modes: Modes | None = None,
     motion_modes: Modes | None = None,
     collider_rest: Array | None = None,
+    resume: Standing | None = None,
+    on_standing: Callable[[Standing], None] = lambda standing: None,
 ) -> Iterator[Frame]:
     """Frames 0..T−1 of cloth driven by collider_motion [T, C, 3] m and boundary_motion [T, B, 3] m (order of cloth.boundary), at fps [1/s].
 
     Frame 0 is the start: x0 [V, 3] (default: at rest shape) and v0 [V, 3] (default: at rest). Between frames both motions are linear.
     potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3];
     motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]). collider_rest [C, 3] (default: its first frame) gives the
-    collider's areas of contact, which the derivatives hold fixed.
+    collider's areas of contact, which the derivatives hold fixed. on_standing hears, before each frame is yielded, where the simulation stands; with
+    resume and all else as before only the frames after it are yielded, the same ones bit by bit.
     Raises BadInput when arrays do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
     """
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
     v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
     collider_motion = np.asarray(collider_motion, float).reshape(len(collider_motion), -1, 3)
     boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
-    refuse([*_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0), *fabric_faults(fabric)])
+    refuse([*_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0, resume), *fabric_faults(fabric)])
     areas_of = collider_motion[0] if collider_rest is None else collider_rest
     problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
-    return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {})
+    walk.on_standing = on_standing
+    return _frames(walk, collider_motion, boundary_motion, fps, x0, v0, tuple(tangents), start_modes or {}, motion_modes or {}, resume)
 
 
 def _frames(
@@ -97,16 +102,20 @@ def _frames(
     names: tuple[str, ...],
     modes: Modes,
     motions: Modes,
+    resume: Standing | None,
 ) -> Iterator[Frame]:
     clock = time.process_time()
     x0[walk.problem.boundary] = boundary_motion[0]
-    start = walk.start(x0, v0, collider_motion[0])
+    start = walk.start(x0, v0, collider_motion[0]) if resume is None else None
     if names or modes or motions:
-        walk.columns = Tangents(walk.problem, names, modes, motions, walk.now)
-    yield walk.report(0, start.ending, 0, clock, moved=start.moved)
-    if start.ending != CONVERGED:
-        return
-    for i in range(1, len(collider_motion)):
+        walk.columns = Tangents(walk.problem, names, modes, motions, walk.now if resume is None else resume.now)
+    if resume is not None:
+        walk.take(resume)
+    if start is not None:
+        yield walk.report(0, start.ending, 0, clock, moved=start.moved)
+        if start.ending != CONVERGED:
+            return
+    for i in range(1 if resume is None else resume.index + 1, len(collider_motion)):
         clock = time.process_time()
         ending, iterations = walk.frame(i, collider_motion[i], boundary_motion[i - 1 : i + 1], 1 / fps)
         yield walk.report(i, ending, iterations, clock)
@@ -117,6 +126,7 @@ def _frames(
 class _Walk:
     """Where the simulation stands: the last two states and the last step."""
 
+    on_standing: Callable[[Standing], None]
     columns: Tangents | None = None
     h_previous: float | None = None
 
@@ -137,9 +147,25 @@ class _Walk:
 
     def report(self, index: int, ending: str, iterations: int, clock: float, moved: float = 0.0) -> Frame:
         """The frame as it stands."""
+        if ending == CONVERGED:
+            self.on_standing(self._standing(index))
         now, named = self.now, self.columns.named() if self.columns else {}
         seconds = time.process_time() - clock
         return Frame(index, now.x, now.v, now.collider, named, iterations, ending, self.yielded, moved, seconds)
+
+    def _standing(self, index: int) -> Standing:
+        memories = {(i, name): getattr(p, name) for i, p in enumerate(self.problem.potentials) for name in p.memory}
+        columns = self.columns.columns if self.columns else {}
+        return Standing(index, self.now, self.before, self.h_previous, self.problem.system.pattern, memories, columns)
+
+    def take(self, standing: Standing) -> None:
+        """Stand where another walk through the same simulation stood."""
+        self.now, self.before, self.h_previous = standing.now, standing.before, standing.h_previous
+        self.problem.system.take(standing.pattern)
+        for (i, name), value in standing.memories.items():
+            setattr(self.problem.potentials[i], name, value)
+        if self.columns:
+            self.columns.take(standing.columns)
 
     def frame(self, index: int, collider: Array, boundary: Array, duration: float) -> tuple[str, int]:
         """Go on to frame `index`, to the collider [C, 3] along boundary [2, B, 3]; (ending, Newton iterations)."""
@@ -157,7 +183,9 @@ class _Walk:
         self.yielded = Yielded(np.zeros(len(collider)))
         if self.settings.yield_collider:
             clearance = 2 * self.settings.barrier_distance + self.settings.contact_offset
-            collider, self.yielded = give_way(collider, self.collider.faces, cloth=self.now.x, pins=pins, clearance=clearance)
+            collider, self.yielded = give_way(
+                collider, self.collider.faces, cloth=self.now.x, pins=pins, clearance=clearance, held_edges=self.cloth.held_edges
+            )
         return collider
 
     def _checked(self, x: Array, collider: Array) -> Separated:
@@ -202,7 +230,9 @@ def _between(pair: Array, share: float) -> Array:
     return pair[1] if share == 1 else (1 - share) * pair[0] + share * pair[1]
 
 
-def _faults(cloth: Cloth, collider: Collider, motion: Array, boundary: Array, fps: float, x0: Array, v0: Array) -> list[Fault]:
+def _faults(
+    cloth: Cloth, collider: Collider, motion: Array, boundary: Array, fps: float, x0: Array, v0: Array, resume: Standing | None
+) -> list[Fault]:
     V, B, C = len(cloth.x_rest), len(cloth.boundary), motion.shape[1]
     wanted = {
         "x0": (x0, (V, 3)),
@@ -211,6 +241,8 @@ def _faults(cloth: Cloth, collider: Collider, motion: Array, boundary: Array, fp
         "collider_motion": (motion, (len(boundary), C, 3)),
     }
     faults = [Fault(name, f"shape {a.shape}", f"Give {shape}.") for name, (a, shape) in wanted.items() if a.shape != shape]
+    if resume is not None and (resume.now.x.shape != (V, 3) or resume.now.collider.shape != (C, 3)):
+        faults.append(Fault("resume", "it is not of this cloth and collider", "Begin anew."))
     faults += [Fault(name, "values that are not finite", "Repair them.") for name, (a, _) in wanted.items() if not np.isfinite(a).all()]
     if collider.faces.size and collider.faces.max() >= C:
         faults.append(Fault("collider.faces", f"they name vertex {collider.faces.max()} of {C}", "Give the faces of collider_motion."))

@@ -19,6 +19,7 @@ from tasks.simulator.time_integration import Rule, State
 
 Array = NDArray[np.float64]
 Modes = Mapping[str, tuple[Array, Array]]
+CARRIED = ("dx", "dv", "dc", "dx_before", "dv_before", "dc_before")
 
 
 class Tangents:
@@ -40,6 +41,16 @@ class Tangents:
         self.dx[:, problem.boundary], self.dv[:, problem.boundary] = self._prescribed(0, 0.0, 1, len(problem.boundary)), 0
         self.dc = self._prescribed(0, 0.0, 0, len(start.collider))
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """All that `advance` moves on, by name."""
+        return {name: getattr(self, name) for name in CARRIED}
+
+    def take(self, columns: Mapping[str, Array]) -> None:
+        """Go on from these columns."""
+        for name in CARRIED:
+            setattr(self, name, columns[name])
 
     def named(self) -> dict[str, tuple[Array, Array]]:
         """name -> (dx, dv) [V, 3]."""

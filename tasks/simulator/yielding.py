@@ -3,13 +3,19 @@
 Three demands, each a depth [m] by which collider vertices are drawn in along their normals (c: clearance, two barrier distances and
 the offset):
 
-    penetration   skin inside another part of the collider, by p                       ½ p + c
-    narrow gap    skin that faces other skin at a distance g < 2c                      ½ (2c − g)
-    pins          a prescribed cloth node at signed distance σ < c, near its foot      c − σ
+    penetration   skin inside another part of the collider, by p            p / (1 − n·m) + c
+    narrow gap    skin that faces other skin at a distance g < 2c           ½ (2c − g)
+    pins          a prescribed cloth node, or a point of an edge between
+                  two of them, at signed distance σ < c                     c − σ
 
-p is the distance to the nearest skin that looks elsewhere, g that along the normal; inside by the generalised winding number (Jacobson
-et al. 2013). As normals are not the shortest way out, the drawn-in skin is examined again, eight times at most.
-Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than 0.1 m.
+p is the distance to the nearest skin that looks elsewhere, m that skin's normal and n the vertex's own: both parts are drawn in to where they
+are equally far from either, half of p each where they face one another. g is the distance along the normal; σ of a covered pin that to the skin
+behind which it lies; inside by the generalised winding number (Jacobson et al. 2013). What was covered is examined again once drawn in, for
+creases and curved skin are left short by one pass; gaps are asked for once, at the end, for a crease is narrow however deep it is drawn in.
+
+Penetration and gaps are given way to by at most ½ max p + c, pins by at most c − min σ. So a limb that another part has swallowed whole stays
+there, and cloth around it is blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than
+0.1 m; skin without thickness.
 """
 
 from dataclasses import dataclass
@@ -19,7 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tasks.geometry.distances import closest_points, inside, signed_distance
+from tasks.geometry.distances import closest_points, inside
 from tasks.geometry.meshes import edges, face_normals, vertex_normals
 
 Array = NDArray[np.float64]
@@ -27,6 +33,9 @@ Indices = NDArray[np.int32]
 REACH = 0.12  # [m], more than the deepest skin can lie behind cloth
 MOST = 0.1  # [m]
 PASSES = 8
+BETWEEN = (0.25, 0.5, 0.75)  # places on an edge between pinned nodes that are kept clear
+NO_EDGES = np.empty((0, 2), np.int32)
+NOTHING = 1e-5  # [m] of penetration that is not worth another pass
 
 
 @dataclass(frozen=True)
@@ -45,18 +54,31 @@ class Yielded:
         return f"{np.count_nonzero(self.depth)} collider vertices gave way, at most {1e3 * self.depth[worst]:.1f} mm at vertex {worst}"
 
 
-def give_way(collider: Array, faces: Indices, *, cloth: Array, pins: Array, clearance: float) -> tuple[Array, Yielded]:
-    """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3]; faces [F, 3], clearance c [m]."""
+def give_way(
+    collider: Array, faces: Indices, *, cloth: Array, pins: Array, clearance: float, held_edges: Indices = NO_EDGES
+) -> tuple[Array, Yielded]:
+    """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3] or the edges [J, 2] between them.
+
+    faces [F, 3], clearance c [m].
+    """
     if not len(faces):
         return collider, Yielded(np.zeros(len(collider)))
-    normals, e = vertex_normals(collider, faces), edges(faces)
-    near = cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH
-    depth = _ring_maximum(pin_depth(collider, faces, pins, clearance), e)
+    normals, e, held = vertex_normals(collider, faces), edges(faces), _along(pins, held_edges)
+    near = np.flatnonzero(cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH)
+    under, p = _covered_depth(collider, faces, normals, near, clearance)
+    pinned = pin_depth(collider, faces, held, clearance)
+    most, most_pinned = min(0.5 * p + clearance, MOST), min(pinned.max(), MOST)
+    depth = np.minimum(_ring_maximum(under, e), most)
     for _ in range(PASSES):
-        more = pinch_depth(draw_in(collider, normals, depth), faces, normals, np.flatnonzero(near), clearance)
-        if not more.any():
+        depth = np.maximum(depth, np.minimum(depth + _ring_maximum(pinned, e), most_pinned))
+        drawn = draw_in(collider, normals, depth)
+        under, p = _covered_depth(drawn, faces, normals, near, 0.5 * clearance)
+        pinned = pin_depth(drawn, faces, held, clearance)
+        if p < NOTHING and pinned.max() < 0.5 * clearance:
             break
-        depth = np.minimum(depth + _ring_maximum(more, e), MOST)
+        depth = np.maximum(depth, np.minimum(depth + _ring_maximum(under, e), most))
+    narrow = _gap_depth(draw_in(collider, normals, depth), faces, normals, near, clearance)
+    depth = np.maximum(depth, np.minimum(depth + _ring_maximum(narrow, e), most))
     return draw_in(collider, normals, depth), Yielded(depth)
 
 
@@ -65,30 +87,41 @@ def draw_in(collider: Array, normals: Array, depth: Array) -> Array:
     return collider - depth[:, None] * normals
 
 
-def pinch_depth(collider: Array, faces: Indices, normals: Array, asked: Indices, clearance: float) -> Array:
-    """Depth [C] demanded of the asked vertices because skin meets skin."""
-    depth = np.zeros(len(collider))
-    if not len(asked):
-        return depth
-    covered = inside(collider[asked] + 1e-4 * normals[asked], collider, faces)
-    away = face_normals(collider, faces)
-    under, over = asked[covered], asked[~covered]
-    p = _nearest_facing_away(collider, under, normals, faces, away)
-    depth[under] = np.where(np.isfinite(p), 0.5 * p + clearance, 0.0)
-    depth[over] = 0.5 * (2 * clearance - np.minimum(_gap(collider, over, normals, faces, away, 2 * clearance), 2 * clearance))
-    return depth
-
-
 def pin_depth(collider: Array, faces: Indices, pins: Array, clearance: float) -> Array:
-    """Depth [C] demanded by pinned nodes [B, 3] that lie under the skin or on it."""
+    """Depth [C] demanded by pinned points [B, 3] that lie under the skin or on it."""
     depth = np.zeros(len(collider))
     if not len(pins):
         return depth
-    σ = signed_distance(pins, collider, faces)
-    for i in np.flatnonzero(σ < clearance):
-        foot = closest_points(pins[i : i + 1], collider, faces)
-        corners = faces[foot.face[0]]
-        depth[corners] = np.maximum(depth[corners], clearance - σ[i])
+    closest = closest_points(pins, collider, faces)
+    σ, face = closest.distance, closest.face
+    covered = inside(pins, collider, faces)
+    σ[covered], face[covered] = _nearest_from_behind(collider, pins[covered], faces, face_normals(collider, faces))
+    low = σ < clearance
+    np.maximum.at(depth, faces[face[low]], (clearance - σ[low])[:, None])
+    return depth
+
+
+def _along(pins: Array, held_edges: Indices) -> Array:
+    """Pins and points between them [P, 3]: collision is not asked of what is prescribed, so skin could come through an edge."""
+    a, b = pins[held_edges[:, 0]], pins[held_edges[:, 1]]
+    return np.concatenate([pins, *(a + share * (b - a) for share in BETWEEN)])
+
+
+def _covered_depth(x: Array, faces: Indices, normals: Array, asked: Indices, clearance: float) -> tuple[Array, float]:
+    """Depth [C] demanded of the asked vertices that lie inside another part, and the deepest penetration p [m] among them."""
+    depth = np.zeros(len(x))
+    under = asked[inside(x[asked] + 1e-4 * normals[asked], x, faces)] if len(asked) else asked
+    p, cosine = _nearest_facing_away(x, under, normals, faces, face_normals(x, faces))
+    met = np.isfinite(p)
+    depth[under[met]] = p[met] / (1 - cosine[met]) + clearance
+    return depth, float(p[met].max(initial=0.0))
+
+
+def _gap_depth(x: Array, faces: Indices, normals: Array, asked: Indices, clearance: float) -> Array:
+    """Depth [C] demanded of the asked vertices that face other skin."""
+    depth = np.zeros(len(x))
+    g = _gap(x, asked, normals, faces, face_normals(x, faces), 2 * clearance)
+    depth[asked] = 0.5 * (2 * clearance - np.minimum(g, 2 * clearance))
     return depth
 
 
@@ -112,19 +145,66 @@ def _gap(x: Array, asked: Indices, normal: Array, faces: Indices, away: Array, r
 
 
 @njit(cache=True, nogil=True)
+def _nearest_from_behind(x, points, faces, away):
+    """σ = −distance [P] of points to the nearest face that they lie behind, and that face [P]: where parts meet, the nearest may be before them."""
+    σ, face = np.full(len(points), -np.inf), np.zeros(len(points), np.int64)
+    for i in range(len(points)):
+        q = points[i]
+        for f in range(len(faces)):
+            a, b, c = faces[f]
+            if np.sum(away[f] * (x[a] - q)) > 0:
+                d = np.sqrt(np.sum((_closest(q, x[a], x[b], x[c]) - q) ** 2))
+                if -d > σ[i]:
+                    σ[i], face[i] = -d, f
+    return σ, face
+
+
+@njit(cache=True, nogil=True)
 def _nearest_facing_away(x, asked, normal, faces, away):
-    """Distance [P] from asked vertices to the centre of the nearest face that looks elsewhere (cosine < ½), infinite beyond 2·MOST."""
-    p = np.full(len(asked), np.inf)
+    """Distance [P] from asked vertices to the nearest face that looks elsewhere (cosine < ½), infinite beyond 2·MOST, and that cosine [P]."""
+    p, cosines = np.full(len(asked), np.inf), np.zeros(len(asked))
+    centre, radius = np.zeros((len(faces), 3)), np.zeros(len(faces))
+    for f in range(len(faces)):
+        centre[f] = (x[faces[f, 0]] + x[faces[f, 1]] + x[faces[f, 2]]) / 3
+        for v in faces[f]:
+            radius[f] = max(radius[f], np.sqrt(np.sum((x[v] - centre[f]) ** 2)))
+    whole = np.array([away[f].any() for f in range(len(faces))])  # a face without area looks nowhere
     for i in range(len(asked)):
         v = asked[i]
         for f in range(len(faces)):
             squared, cosine = 0.0, 0.0
             for k in range(3):
-                squared += ((x[faces[f, 0], k] + x[faces[f, 1], k] + x[faces[f, 2], k]) / 3 - x[v, k]) ** 2
+                squared += (centre[f, k] - x[v, k]) ** 2
                 cosine += away[f, k] * normal[v, k]
-            if cosine <= 0.5 and squared < min(p[i], 2 * MOST) ** 2:
-                p[i] = np.sqrt(squared)
-    return p
+            if whole[f] and cosine <= 0.5 and squared < (min(p[i], 2 * MOST) + radius[f]) ** 2:
+                a, b, c = faces[f]
+                d = np.sqrt(np.sum((_closest(x[v], x[a], x[b], x[c]) - x[v]) ** 2))
+                if d < min(p[i], 2 * MOST):
+                    p[i], cosines[i] = d, cosine
+    return p, cosines
+
+
+@njit(cache=True, nogil=True)
+def _closest(q, a, b, c):
+    """The point of a triangle that is closest to q (Ericson 2005, §5.1.5)."""
+    ab, ac = b - a, c - a
+    d1, d2 = np.sum(ab * (q - a)), np.sum(ac * (q - a))
+    if d1 <= 0 and d2 <= 0:
+        return a
+    d3, d4 = np.sum(ab * (q - b)), np.sum(ac * (q - b))
+    if d3 >= 0 and d4 <= d3:
+        return b
+    d5, d6 = np.sum(ab * (q - c)), np.sum(ac * (q - c))
+    if d6 >= 0 and d5 <= d6:
+        return c
+    opposite_c, opposite_b, opposite_a = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+    if opposite_c <= 0 and d1 >= 0 and d3 <= 0:
+        return a + d1 / (d1 - d3) * ab
+    if opposite_b <= 0 and d2 >= 0 and d6 <= 0:
+        return a + d2 / (d2 - d6) * ac
+    if opposite_a <= 0 and d4 >= d3 and d5 >= d6:
+        return b + (d4 - d3) / (d4 - d3 + d5 - d6) * (c - b)
+    return a + (ab * opposite_b + ac * opposite_c) / (opposite_a + opposite_b + opposite_c)
 
 
 @njit(cache=True, nogil=True)

@@ -111,7 +111,7 @@ def test_frames_kept_from_a_killed_process_are_not_simulated_again(scene, monkey
     walk, settings = stalling(at=99, times=0)
     monkeypatch.setattr(perseverance, "simulate", walk)
     heard = []
-    on = persevere(scene.drive, TRUTH, scene.settings, tangents=NAMES, kept=journey.frames[:5], on_frame=lambda f: heard.append(len(f)))
+    on = persevere(scene.drive, TRUTH, scene.settings, tangents=NAMES, kept=journey.frames[:5], on_frame=lambda f, _: heard.append(len(f)))
     assert on.ending == "converged" and heard == [6, 7, 8]
     assert [s.substeps for s in settings] == [4]
     assert "killed after frame 4" in on.reasons[0]

@@ -72,7 +72,7 @@ def test_pinching_collider_gives_way():
     cloth, motions = pressing(0.06)
     frames = run(cloth, Fabric(), motions, settings=Settings(substeps=2))
     assert not frames[0].yielded and frames[-1].yielded
-    assert 0.04 < frames[-1].yielded.depth.max() < 0.06  # half the overlap of 80 mm and the clearance, somewhat more off the axis
+    assert 0.04 < frames[-1].yielded.depth.max() < 0.042 + 1e-9  # half the overlap of 80 mm and the clearance
     assert not crosses(frames[-1], cloth, motions["collider"].faces)
 
 
