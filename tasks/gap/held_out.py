@@ -73,17 +73,16 @@ def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm
         gap = float(np.sqrt(alone[:, 0].sum() / alone[:, 1].sum())) if len(alone) else np.nan
         return Shrinkage(gap, np.nan, floor_mm, None, None, None, held_out)
     draws = np.random.default_rng(0).integers(0, len(E), (DRAWS, len(E)))
-    φ = _closed(E[draws].sum(1), floor_mm)
-    own = _closed(E.sum(0)[None], floor_mm)[0]
+    fallen = _fallen(E[draws].sum(1))
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
-    falls = float((E[draws].sum(1) @ (1, -1, 0) > 0).mean())
+    falls = float((fallen > 0).mean())
     if b**2 <= CLOSABLE * floor_mm**2:
         return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls)
-    low, high = np.percentile(φ, LEVEL)
-    return Shrinkage(float(b), float(a), floor_mm, float(own), float(low), float(high), held_out, falls)
+    closable = b**2 - floor_mm**2  # of all windows: in draws near the floor it vanishes
+    low, high = np.percentile(fallen, LEVEL) / closable
+    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), float(low), float(high), held_out, falls)
 
 
-def _closed(E: Array, floor_mm: float) -> Array:
-    """φ [n] of sums E [n, 3]."""
-    before, after = E[:, 0] / E[:, 2], E[:, 1] / E[:, 2]
-    return (before - after) / np.maximum(before - floor_mm**2, 1e-3 * before)
+def _fallen(E: Array) -> Array:
+    """By how much the mean square fell [n] mm², of sums E [n, 3]."""
+    return (E[:, 0] - E[:, 1]) / E[:, 2]

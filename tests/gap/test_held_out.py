@@ -95,3 +95,10 @@ def test_a_tenth_of_what_can_be_closed_is_no_cause():
     after = [replace(b, residual=b.residual * np.sqrt(0.92)) for b in before]
     gap = shrinkage(before, after, floor_mm=4.0, held_out=True)
     assert gap.falls == 1.0 and 0.05 < gap.closed_fraction < 0.12 and not gap.shrinks
+
+
+def test_an_interval_near_the_floor_is_one_that_can_be_read():
+    """In a third of the draws nothing is left to close."""
+    rng = np.random.default_rng(7)
+    gap = shrinkage(evidence(rng, 3.0, 3) + evidence(rng, 5.0, 1), evidence(rng, 2.9, 4), floor_mm=3.0, held_out=True)
+    assert -0.5 < gap.low < gap.closed_fraction < gap.high < 4
