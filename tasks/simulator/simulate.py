@@ -117,7 +117,7 @@ def _frames(
             return
     for i in range(1 if resume is None else resume.index + 1, len(collider_motion)):
         clock = time.process_time()
-        ending, iterations = walk.frame(i, collider_motion[i], boundary_motion[i - 1 : i + 1], 1 / fps)
+        ending, iterations = walk.frame(i, collider_motion[i - 1 : i + 1], boundary_motion[i - 1 : i + 1], 1 / fps)
         yield walk.report(i, ending, iterations, clock)
         if ending != CONVERGED:
             return
@@ -168,15 +168,20 @@ class _Walk:
             self.columns.take(standing.columns)
 
     def frame(self, index: int, collider: Array, boundary: Array, duration: float) -> tuple[str, int]:
-        """Go on to frame `index`, to the collider [C, 3] along boundary [2, B, 3]; (ending, Newton iterations)."""
+        """Go on to frame `index` along collider [2, C, 3] and boundary [2, B, 3]; (ending, Newton iterations)."""
         self.index, n = index, self.settings.substeps
-        way = np.stack([self.now.collider, self._yielded(collider, boundary[1])])
         iterations = 0
         for k in range(n):
-            ending, used = self._interval(way, boundary, duration, k / n, (k + 1) / n, self.settings.halvings)
+            a, b = k / n, (k + 1) / n
+            # skin that is free of itself in two frames may enter itself between them
+            end = self._yielded(_between(collider, b), _between(boundary, b))
+            way = np.stack(
+                [self.now.collider - a / (b - a) * (end - self.now.collider), end + (1 - b) / (b - a) * (end - self.now.collider)]
+            )
+            ending, used = self._interval(way, boundary, duration, a, b, self.settings.halvings)
             iterations += used
             if ending != CONVERGED:
-                return f"{ending} (at {duration * (index - 1 + (k + 1) / n):.4g} s)", iterations
+                return f"{ending} (at {duration * (index - 1 + b):.4g} s)", iterations
         return CONVERGED, iterations
 
     def _yielded(self, collider: Array, pins: Array) -> Array:

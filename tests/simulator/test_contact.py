@@ -76,6 +76,18 @@ def test_pinching_collider_gives_way():
     assert not crosses(frames[-1], cloth, motions["collider"].faces)
 
 
+def test_collider_that_pinches_between_frames_gives_way():
+    """Two balls that pass one another 10 mm too close, a curtain between them; in both frames they are apart."""
+    cloth, motions = pressing(0.095)
+    C = motions["collider_motion"].shape[1] // 2
+    apart = motions["collider_motion"][-1]
+    way = np.repeat([[0.0, 0.0, -0.15], [0.0, 0.0, 0.15]], C, 0)
+    motions |= {"collider_motion": np.stack([apart + way, apart - way]), "boundary_motion": motions["boundary_motion"][:2]}
+    frames = run(cloth, Fabric(friction=0.0), motions, fps=2.0)
+    assert not frames[0].yielded and not frames[-1].yielded
+    assert not crosses(frames[-1], cloth, motions["collider"].faces)
+
+
 def test_pinching_collider_that_may_not_give_way_ends_with_the_place():
     cloth, motions = pressing(0.06)
     *_, last = simulate(cloth, Fabric(), fps=25, settings=Settings(substeps=1, halvings=0, yield_collider=False), **motions)
