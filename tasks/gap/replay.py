@@ -102,7 +102,9 @@ def _shown(recording: Recording, own: Sequence[Window]) -> Recording:
 
 def base_replays(model: Model, data: Gathered, run: Map = map) -> list[BaseReplay | None]:
     """Of each recording; None where a replay ends early."""
-    return list(run(_beside_another, replays(model, data)))
+    todo = replays(model, data)
+    found = list(run(_followed, [(job, other) for other in (False, True) for job in todo]))
+    return [_beside_another(job, x, y) for job, x, y in zip(todo, found, found[len(todo) :], strict=False)]
 
 
 def replayed_by(model: Model, base: Sequence[BaseReplay | None], data: Gathered, run: Map = map) -> Replayed:
@@ -132,15 +134,21 @@ def _beside_base(job: tuple[Job, BaseReplay]) -> Replayed | None:
     return Replayed(_mean_square(r), base.replayed.floor, _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)]))
 
 
-def _beside_another(job: Job) -> BaseReplay | None:
-    found = predict(job.model, job.recording, job.window, job.states)
-    other = predict(on_finer_mesh(job.model), job.recording, job.window, _started_otherwise(job)) if found.complete else found
-    if not other.complete:
+def _followed(job: tuple[Job, bool]) -> Array | None:
+    """The replay [L + 1, V, 3] m, or the other one that is its yardstick; None where it ends early."""
+    todo, other = job
+    model, states = (on_finer_mesh(todo.model), _started_otherwise(todo)) if other else (todo.model, todo.states)
+    found = predict(model, todo.recording, todo.window, states)
+    return found.x[:, : todo.recording.observed.shape[1]] if found.complete else None
+
+
+def _beside_another(job: Job, x: Array | None, y: Array | None) -> BaseReplay | None:
+    if x is None or y is None:
         return None
-    r, noise = _residual(job, found.x), job.recording.noise[job.window.frames][1:]
+    r, noise = _residual(job, x), job.recording.noise[job.window.frames][1:]
     seen = np.isfinite(r).all(-1)
-    floor = float(3 * np.mean(noise[seen] ** 2) + _mean_square((other.x[:, : found.x.shape[1]] - found.x)[1:][seen]))
-    return BaseReplay(Replayed(_mean_square(r), floor), found.x)
+    floor = float(3 * np.mean(noise[seen] ** 2) + _mean_square((y - x)[1:][seen]))
+    return BaseReplay(Replayed(_mean_square(r), floor), x)
 
 
 def _started_otherwise(job: Job) -> States:
