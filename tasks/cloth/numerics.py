@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 
 FINER = (MESH, TIME_STEP)
 OTHER = (TRIANGULATION, MATERIAL, BENDING, CONTACT)
+IN_A_HURRY = (*FINER, TRIANGULATION, CONTACT)  # what moves cloth most
 WAYS = tuple(way.name for way in (*FINER, *OTHER))
 SPREAD = 1.0  # standard deviation of a coefficient
 

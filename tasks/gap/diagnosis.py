@@ -92,7 +92,7 @@ def diagnose(
     model, correlation = roughly_refitted(model, train, run, tell)
     data = restated(model, data.correlated(correlation), run)
     train, held = (data, None) if held_out is not None else split(data)
-    screened = screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell)
+    screened = screen(model, train, effects, contact_doubt=contact_doubt, quick=quick, run=run, tell=tell)
     if len(screened.evidence) < FEWEST_WINDOWS:
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import corrected, offsets
+from tasks.cloth.numerics import FINER, IN_A_HURRY, OTHER, corrected, offsets
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_correlation, estimated_prior, follow, refit, without_state
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
@@ -56,17 +56,19 @@ def screen(
     *,
     contact_doubt: float = 0.0,
     iterations: int = FINAL,
+    quick: bool = False,
     run: Map = map,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Screened:
-    """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known."""
+    """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known; fewer ways of computing if quick."""
     φ = smooth_modes(model.subject.cloth, MODES)
     base = refit(jobs(model, data, φ), noise=data.noise, iterations=iterations, run=run, tell=tell)
     followed = [e.prediction.complete for e in base.evidence]
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
     coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
     tell("the same computed otherwise")
-    otherwise = list(run(_offsets, list(zip(jobs(base.model, data, φ), coarse, strict=True))))
+    ways = IN_A_HURRY if quick else (*FINER, *OTHER)
+    otherwise = list(run(_offsets, [(job, x, ways) for job, x in zip(jobs(base.model, data, φ), coarse, strict=True)]))
     tell("tangents of all effects")
     suspicious = base.model.joined(effects, {})
     plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
@@ -77,7 +79,7 @@ def screen(
     return Screened(base, evidence, prior, compared, tuple(ranked(compared)), doubt)
 
 
-def _offsets(job: tuple[Job, Array]) -> dict[str, Array]:
+def _offsets(job: tuple[Job, Array, Sequence[Effect]]) -> dict[str, Array]:
     return offsets(*job)
 
 

@@ -60,21 +60,17 @@ class Trials:
         return max(self.singles, key=with_replays(self.replayed.something_missing))
 
     def settle(self, *, quick: bool) -> None:
-        """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once."""
+        """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
         for h in contenders(self.screened.hypotheses, seen, 1 if quick else LEADERS, self.alike):
             self.after[h.name] = self.simulate(h)
-        if not quick:
-            self._until_still()
-
-    def _until_still(self) -> None:
         afresh: set[str] = set()
-        for _ in range(AGAIN):
+        for _ in range(1 if quick else AGAIN):
             leader = self.leader
             now = self.after.get(leader.name)
             if now is None or now.windows is None:
                 return
-            if leader.name not in afresh and self.doubt() > DOUBTFUL:
+            if not quick and leader.name not in afresh and self.doubt() > DOUBTFUL:
                 afresh.add(leader.name)
                 other = self._afresh(leader)
                 if other.hypothesis.evidence > now.hypothesis.evidence:

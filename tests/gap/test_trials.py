@@ -74,7 +74,7 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
     assert t.leader.evidence == (15.0 if better else 12.0)
 
 
-def test_in_a_hurry_it_is_simulated_once(monkeypatch):
+def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
     strength = {FRICTION: 0.3}
 
     def finds(name, origin):
@@ -83,4 +83,4 @@ def test_in_a_hurry_it_is_simulated_once(monkeypatch):
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
     t.settle(quick=True)
-    assert t.asked == [(FRICTION, "base")]
+    assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
