@@ -33,9 +33,8 @@ from flows.service.leftovers import end_orphans
 SILENT = timedelta(seconds=180)
 UNSTARTED = timedelta(seconds=240)
 UNSTOPPED = timedelta(seconds=240)
-RESTED = timedelta(
-    seconds=90
-)  # a frozen process is killed by then (`leftovers.py`): a worker that still has it ends when it is given the run again
+# a frozen process is killed by then (`leftovers.py`): a worker that still has it ends when it is given the run again
+RESTED = timedelta(seconds=90)
 TRIES = 3
 LOOK_BACK = timedelta(days=1)
 TRIED = "resubmitted:"
