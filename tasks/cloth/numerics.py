@@ -32,11 +32,12 @@ Array = NDArray[np.float64]
 FINER = (MESH, TIME_STEP)
 OTHER = (TRIANGULATION, MATERIAL, BENDING, CONTACT)
 IN_A_HURRY = (*FINER, TRIANGULATION, CONTACT)  # what moves cloth most
-WAYS = tuple(way.name for way in (*FINER, *OTHER))
+EVERY = (*FINER, *OTHER)
+WAYS = tuple(way.name for way in EVERY)
 SPREAD = 1.0  # standard deviation of a coefficient
 
 
-def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = (*FINER, *OTHER)) -> dict[str, Array]:
+def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = EVERY) -> dict[str, Array]:
     """name -> x(otherwise) − x(coarse) [L, V, 3] m of a window whose own prediction is `coarse` [L + 1, V, 3] m; without those that fail."""
     found = {}
     for way in ways:

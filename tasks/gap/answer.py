@@ -75,7 +75,7 @@ def sentence(found: Diagnosis) -> str:
     if v.kind == "not_testable":
         return f"Not testable: {v.reason}."
     start = f"The fitted cloth differs from the recording by {gap.before_mm:.1f} mm (floor {gap.floor_mm:.1f} mm)"
-    if v.reason:
+    if v.reason and v.named is None:
         instead = v.kind.replace("_", " the ")
         return f"{start}; {v.reason}, so nothing is named ({instead}: probability {v.probability:.0%})."
     if v.kind == "none":
@@ -84,7 +84,8 @@ def sentence(found: Diagnosis) -> str:
     if v.kind == "outside_library":
         return f"{start}; no effect of the library explains it (probability {v.probability:.0%})."
     cause = " and ".join(c[0] if len(c) == 1 else f"one of {', '.join(c)}" for c in v.classes)
-    return f"{start}; the cause is {cause} (probability {v.probability:.0%}){_closing(gap)}."
+    start += f"; {v.reason}, so of what is left" if v.reason else ";"
+    return f"{start} the cause is {cause} (probability {v.probability:.0%}){_closing(gap)}."
 
 
 def _closing(gap: Shrinkage) -> str:

@@ -6,26 +6,26 @@ Everything before the verdict sees the training windows only. `run` maps a funct
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence, Map, Prior, follow_corrected
-from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, jobs, restarted, restated, split
-from tasks.gap.held_out import Shrinkage, floor_mm, shrinkage, unchanged
+from tasks.gap.confirmation import Confirmed, confirmed, decided
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, restated, split
+from tasks.gap.held_out import Shrinkage
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import Refitted, comes_nearer, corrected_model
+from tasks.gap.refits import comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
-from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
+from tasks.gap.screening import Screened, roughly_refitted, screen
 from tasks.gap.trials import Trials
-from tasks.gap.verdict import Candidate, Verdict, first_alone, judge, withdrawn
+from tasks.gap.verdict import Candidate, Verdict
 
 Array = NDArray[np.float64]
 
@@ -53,18 +53,6 @@ class Diagnosis:
     screened: Screened | None
     pairs: tuple[Fitted, ...] = ()
     replayed: Replayed | None = None
-
-
-@dataclass(frozen=True)
-class _Decided:
-    """The verdict after the leading hypotheses were simulated, the named one as simulated last, the first of two named causes simulated alone, the pairs
-    that were weighed, the base's replays."""
-
-    verdict: Verdict
-    named: Refitted
-    alone: Refitted | None
-    pairs: tuple[Fitted, ...]
-    replayed: Replayed
 
 
 def diagnose(
@@ -97,26 +85,12 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    decided = _decided(Trials(screened, first, train, effects, run, tell), quick)
+    trials = Trials(screened, first, train, effects, run, tell)
+    trials.settle(quick=quick)
+    verdict = decided(trials)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
-    return _concluded(screened, decided, train, kept, run)
-
-
-def _decided(trials: Trials, quick: bool) -> _Decided:
-    trials.settle(quick=quick)
-    pairs, screened = trials.pairs(), trials.screened
-    missing = trials.replayed.something_missing
-    verdict = judge(trials.singles, pairs, unexplained=trials.doubt(pairs), missing=missing, cosines=trials.cosines)
-    if verdict.named is None:
-        nothing = Refitted(screened.windows.base, screened.base.model, screened.evidence, screened.windows)
-        return _Decided(verdict, nothing, None, pairs, trials.replayed)
-    name = verdict.named.name
-    alone = trials.after.get(verdict.named.effects[0].name) if len(verdict.named.effects) == 2 else None
-    if name not in trials.after:
-        trials.after[name] = trials.simulate(verdict.named, alone and alone.model)
-    named = trials.after[name]
-    return _Decided(replace(verdict, named=named.hypothesis), named, alone, pairs, trials.replayed)
+    return _concluded(trials, confirmed(trials, verdict, kept), train)
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:
@@ -126,47 +100,29 @@ def _untestable(data: Gathered, train: Gathered) -> str:
     return ""
 
 
-def _concluded(screened: Screened, decided: _Decided, train: Gathered, kept: Gathered | None, run: Map) -> Diagnosis:
-    base, verdict, named = screened.base, decided.verdict, decided.named
-    held = kept is not None and bool(kept.windows)
-    floor = floor_mm(screened.evidence, train.recordings)
-    before, after = list(screened.evidence), list(named.evidence)
-    if held:
-        before = _on_kept(base.model, kept, base.prior, run)
-        after = before if verdict.named is None else _on_kept(corrected_model(named), kept, base.prior, run)
-        if decided.alone is not None and decided.alone.windows is not None:
-            one = _on_kept(corrected_model(decided.alone), kept, base.prior, run)
-            if not shrinkage(one, after, floor_mm=floor, held_out=True).shrinks:
-                verdict, named, after = first_alone(verdict, decided.alone.hypothesis), decided.alone, one
-    gap = shrinkage(before, after, floor_mm=floor, held_out=held)
-    if verdict.named is not None and held and not gap.shrinks:
-        seen = "the gap hardly shrinks" if np.isfinite(gap.after_mm) else "it cannot be simulated"
-        reason = f"{verdict.named.name} leads, but on motion kept out of the fit {seen}"
-        verdict, after, gap = withdrawn(verdict, reason), before, unchanged(gap)
-    fps = base.model.subject.fps
-    accel = effect_acceleration(named.evidence, verdict.named, fps) if verdict.named else residual_acceleration(screened.evidence, fps)
-    final = corrected_model(named) if verdict.named is not None and comes_nearer(named, decided.replayed) else base.model
-    r = [np.concatenate([e.residual for e in evidence if e.residual is not None]) for evidence in (before, after)]
+def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
+    screened, verdict = trials.screened, found.verdict
+    model, fps = screened.base.model, screened.base.model.subject.fps
+    named = found.named
+    accel = residual_acceleration(screened.evidence, fps) if named is None else effect_acceleration(named.evidence, verdict.named, fps)
+    final = model if named is None or not comes_nearer(named, trials.replayed) else corrected_model(named)
+    before, after = (np.concatenate([e.residual for e in each if e.residual is not None]) for each in (found.before, found.after))
+    frame_mm = _by_frame(screened.evidence, train)
     return Diagnosis(
         verdict,
-        gap,
-        *r,
-        base.model.subject.zone,
+        found.gap,
+        before,
+        after,
+        model.subject.zone,
         accel,
-        _by_frame(screened.evidence, train),
+        frame_mm,
         ratios(screened),
-        base.model,
+        model,
         final,
         screened,
-        decided.pairs,
-        decided.replayed,
+        found.pairs,
+        trials.replayed,
     )
-
-
-def _on_kept(model: Model, kept: Gathered, prior: Prior, run: Map) -> list[Evidence]:
-    """Windows kept out, simulated by a model from the start states that its body allows."""
-    φ = smooth_modes(model.subject.cloth, MODES)
-    return list(run(follow_corrected, jobs(model, restarted(model, kept, run), φ, prior=prior)))
 
 
 def ratios(screened: Screened) -> dict[str, dict[str, Any]]:

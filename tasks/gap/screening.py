@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import FINER, IN_A_HURRY, OTHER, corrected, offsets
+from tasks.cloth.numerics import EVERY, IN_A_HURRY, corrected, offsets
 from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_correlation, estimated_prior, follow, refit, without_state
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
@@ -67,7 +67,7 @@ def screen(
     data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
     coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
     tell("the same computed otherwise")
-    ways = IN_A_HURRY if quick else (*FINER, *OTHER)
+    ways = IN_A_HURRY if quick else EVERY
     otherwise = list(run(_offsets, [(job, x, ways) for job, x in zip(jobs(base.model, data, φ), coarse, strict=True)]))
     tell("tangents of all effects")
     suspicious = base.model.joined(effects, {})

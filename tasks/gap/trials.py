@@ -39,6 +39,7 @@ class Trials:
         self.cosines = confusability(screened.windows, screened.windows.effects)
         self.alike = twins(self.cosines)
         self.after: dict[str, Refitted] = {}
+        self.vetoed: frozenset[str] = frozenset()
         tell("replays")
         self._base = base_replays(screened.base.model, self.train, run)
         self.replayed = of_base(self._base)
@@ -57,7 +58,12 @@ class Trials:
     @property
     def leader(self) -> Fitted:
         """The strongest of them."""
-        return max(self.singles, key=with_replays(self.replayed.something_missing))
+        return max(self.singles, key=with_replays(self.replayed.something_missing, self.vetoed))
+
+    def veto(self, effects: Sequence[Effect]) -> None:
+        """These did not help on motion kept out, nor would their twins."""
+        names = {e.name for e in effects}
+        self.vetoed |= names | {n for pair in self.alike if pair & names for n in pair}
 
     def settle(self, *, quick: bool) -> None:
         """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
@@ -92,7 +98,7 @@ class Trials:
 
     def doubt(self, pairs: Sequence[Fitted] = ()) -> float:
         """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
-        best = max((self.screened.windows.base, *self.singles, *pairs), key=with_replays(0.0))
+        best = max((self.screened.windows.base, *self.singles, *pairs), key=with_replays(0.0, self.vetoed))
         simulated = next((self.after[e.name] for e in best.effects[:1] if e.name in self.after), None)
         left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
         return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)

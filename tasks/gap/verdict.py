@@ -16,7 +16,7 @@ are chosen on open cases (README).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -30,6 +30,7 @@ Twins = frozenset[frozenset[str]]
 SINGLE, PAIR = 1.0, 0.3  # prior weight of all singles, and of a second effect beside a first one, beside 1 for none
 TEMPER = 0.8
 EXCLUDED = 5.0  # of evidence against an effect
+VETO = 4.6  # against an effect that does not help on motion kept out: a hundredth
 BESIDE = 0.15  # weight of "outside the library" beside a named effect that leaves everything unexplained
 OTHERWISE = 0.2  # weight of a cause that leaves everything unexplained, beside one that leaves nothing
 TOGETHER = 1.5  # difference of evidence up to which names form a class
@@ -78,14 +79,17 @@ def judge(
     unexplained: float,
     missing: float = 0.0,
     cosines: Confusability | None = None,
+    vetoed: frozenset[str] = frozenset(),
 ) -> Verdict:
     """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that anything
-    in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed."""
-    whole = with_replays(missing)
+    in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed; vetoed: effects that
+    did not help on motion kept out, which are not named and weigh at most a hundredth of their prior."""
+    whole = with_replays(missing, vetoed)
     ranked = sorted(singles, key=whole, reverse=True)
     sole = 1.0 - (1.0 - OTHERWISE) * unexplained
     weight = [sole * SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
-    seconds = sorted((p for p in pairs if p.effects[0] == ranked[0].effects[0]), key=lambda p: -p.weights[1].evidence)
+    seconds = [p for p in pairs if p.effects[0] == ranked[0].effects[0] and not vetoed & {e.name for e in p.effects}]
+    seconds.sort(key=lambda p: -p.weights[1].evidence)
     doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
     named = sum(weight) + sum(doubled[:1])
     none, outside = 1.0 - unexplained, unexplained * (np.exp(missing) + BESIDE * named)
@@ -101,15 +105,25 @@ def judge(
     candidates.sort(key=lambda c: -c.probability)
     first = candidates[0]
     if first.fitted is None:
-        kind: Kind = "none" if first.names == ("none",) else "outside_library"
-        return Verdict(kind, None, (), first.probability, tuple(candidates))
+        return _unnamed(first, candidates)
     classes = both if len(first.fitted.effects) == 2 else (first.names,)
     return Verdict("effect", first.fitted, classes, first.probability, tuple(candidates))
 
 
-def with_replays(missing: float) -> Callable[[Fitted], float]:
-    """Evidence of a hypothesis with what replays say in it: its own if it was simulated, else that anything is missing; those are not tempered."""
-    return lambda h: max(h.evidence, -EXCLUDED) + (missing if h.support is None else h.support) / TEMPER
+def with_replays(missing: float, vetoed: frozenset[str] = frozenset()) -> Callable[[Fitted], float]:
+    """Evidence of a hypothesis with what replays say in it, its own if it was simulated, else that anything is missing; those are not tempered. What
+    motion kept out vetoes has no evidence for it: that it fitted was a coincidence."""
+
+    def evidence(h: Fitted) -> float:
+        whole = max(h.evidence, -EXCLUDED) + (missing if h.support is None else h.support) / TEMPER
+        return min(whole, 0.0) - VETO / TEMPER if vetoed & {e.name for e in h.effects} else whole
+
+    return evidence
+
+
+def _unnamed(first: Candidate, candidates: Sequence[Candidate]) -> Verdict:
+    kind: Kind = "none" if first.names == ("none",) else "outside_library"
+    return Verdict(kind, None, (), first.probability, (first, *(c for c in candidates if c is not first)))
 
 
 def _classes(
@@ -150,13 +164,6 @@ def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:
     return Verdict("effect", alone, (names,), first.probability, tuple(ranking))
 
 
-def withdrawn(verdict: Verdict, reason: str) -> Verdict:
-    """None, or outside the library, whichever is likelier, instead of the named effect, which did not help on motion kept out: what is named keeps
-    a hundredth of its weight."""
-    own = {n for c in verdict.classes for n in c}
-    weights = [c.probability * (0.01 if own & set(c.names) else 1.0) for c in verdict.ranking]
-    ranking = [replace(c, probability=w / sum(weights)) for c, w in zip(verdict.ranking, weights, strict=True)]
-    left = max((c for c in ranking if c.fitted is None), key=lambda c: c.probability)
-    ranking = sorted(ranking, key=lambda c: (c is not left, -c.probability))
-    kind: Kind = "none" if left.names == ("none",) else "outside_library"
-    return Verdict(kind, None, (), left.probability, tuple(ranking), reason)
+def abstained(verdict: Verdict) -> Verdict:
+    """None, or outside the library, whichever is likelier, whatever else leads."""
+    return _unnamed(next(c for c in verdict.ranking if c.fitted is None), verdict.ranking)

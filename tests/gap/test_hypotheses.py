@@ -11,7 +11,7 @@ from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.hypotheses import FORM, Windows, log_averaged
-from tasks.gap.verdict import first_alone, judge, withdrawn
+from tasks.gap.verdict import abstained, first_alone, judge
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -191,22 +191,45 @@ def test_normal_equations_about_a_strength_say_the_same():
         assert again.evidence == pytest.approx(here.evidence, abs=1e-3)
 
 
-def test_a_name_that_does_not_help_on_held_out_motion_is_withdrawn():
+def test_what_motion_kept_out_vetoes_weighs_a_hundredth_of_its_prior_and_is_not_named():
+    w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
+    singles = [w.fit([e]) for e in EFFECTS]
+    assert judge(singles, unexplained=0.0).classes == (("contact_friction",),)
+    after = judge(singles, unexplained=0.0, vetoed=frozenset({"contact_friction"}))
+    assert own(after, "contact_friction") / own(after, "none") == pytest.approx(0.01 / len(singles), rel=0.02)
+    assert after.named is None and after.ranking[0].names == ("none",)
+    assert sum(c.probability for c in after.ranking) == pytest.approx(1)
+
+
+def test_what_was_vetoed_is_no_second_cause_either():
+    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0, "contact_friction": 0.3})
+    singles = [w.fit([e]) for e in EFFECTS]
+    pairs = [w.fit([EFFECTS[0], e]) for e in EFFECTS[1:]]
+    assert len(judge(singles, pairs, unexplained=0.0).classes) == 2
+    after = judge(singles, pairs, unexplained=0.0, vetoed=frozenset({"contact_friction"}))
+    assert "contact_friction" not in {n for c in after.classes for n in c}
+
+
+def test_who_abstains_says_what_else_is_likelier():
     w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
     named = judge([w.fit([e]) for e in EFFECTS], unexplained=0.0)
-    after = withdrawn(named, "it does not help")
+    after = abstained(named)
     assert after.kind == "none" and after.named is None and after.ranking[0].names == ("none",)
-    assert sum(c.probability for c in after.ranking) == pytest.approx(1)
-    assert after.ranking[0].probability > named.ranking[[c.names for c in named.ranking].index(("none",))].probability
+    assert after.probability == own(named, "none") and len(after.ranking) == len(named.ranking)
+
+
+def own(verdict, name):
+    return next(c.probability for c in verdict.ranking if name in c.names)
 
 
 def test_a_second_cause_that_does_not_help_leaves_the_first_what_both_weighed():
-    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0, "contact_friction": 0.3})
+    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0, "contact_friction": 0.15}, count=5, n=60)
     singles = [w.fit([e]) for e in EFFECTS]
     first = max(singles, key=lambda h: h.evidence)
     both = judge(singles, [w.fit([*first.effects, e]) for e in EFFECTS if e not in first.effects], unexplained=0.0)
     assert len(both.classes) == 2
     alone = next(c for c in both.ranking if c.fitted is not None and c.fitted.effects == first.effects)
+    assert alone.probability > 0.1  # counts
     after = first_alone(both, first)
     assert after.named is first and after.classes == (alone.names,) and len(after.ranking) == len(both.ranking) - 1
     assert after.probability == pytest.approx(both.probability + alone.probability)

@@ -20,6 +20,16 @@ def test_none_at_the_floor_needs_nothing_and_none_above_it_found_nothing():
     assert "was found to explain that (probability 60%)" in told(8.6, 3.8, 0.0)
 
 
+def test_a_name_that_takes_the_place_of_another_says_so():
+    gap = Shrinkage(10.0, 3.0, 1.0, 0.9, 0.8, 1.0, True)
+    told = [
+        sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, (), reason), shrinkage=gap))
+        for reason in ("", "friction leads, but no")
+    ]
+    assert "(floor 1.0 mm); the cause is drag (probability 70%); with it" in told[0]
+    assert "; friction leads, but no, so of what is left the cause is drag (probability 70%); with it" in told[1]
+
+
 @pytest.mark.parametrize("reason", ["4 windows are too few"])
 def test_what_cannot_be_tested_says_why(reason):
     nothing = Shrinkage(np.nan, np.nan, np.nan, None, None, None, False)

@@ -23,24 +23,25 @@ class Rehearsed(Trials):
         self.screened = SimpleNamespace(hypotheses=hypotheses)
         self.train, self.effects, self.run, self.tell = None, EFFECTS, map, print
         self.first = SimpleNamespace(name="first")
-        self.alike, self.after, self.replayed = frozenset(), {}, SimpleNamespace(something_missing=0.0)
-        self.asked, self.finds, self.left = [], finds, doubt
+        self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
+        self.after, self.replayed = {}, SimpleNamespace(something_missing=0.0)
+        self.asked, self.finds, self.left, self.windows = [], finds, doubt, ()
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
 
     def simulate(self, hypothesis, start=None):
         origin = getattr(start, "name", "base")
         self.asked.append((hypothesis.name, origin))
         strength, evidence = self.finds(hypothesis.name, origin)
-        (weight,) = hypothesis.weights
+        *others, weight = hypothesis.weights
         found = replace(
             hypothesis,
             strengths=dict.fromkeys(hypothesis.strengths, strength),
-            weights=(replace(weight, likelihood=evidence, prior=0.0),),
+            weights=(*others, replace(weight, likelihood=evidence, prior=0.0)),
             base=np.zeros(2),
         )
         told = {e.name: hypothesis.θ(e) for e in hypothesis.effects}
         model = SimpleNamespace(name=f"{origin}+", strength=lambda e: told[e.name])
-        return Refitted(found, model, (), windows=())
+        return Refitted(found, model, self.windows, windows=())
 
     def doubt(self, pairs=()):
         return self.left

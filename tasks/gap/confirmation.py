@@ -1,0 +1,129 @@
+"""What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
+nothing, or nothing in the library, is the cause.
+
+At most `CHANCES` names are: of many, one would pass by chance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tasks.cloth.shooting import Evidence, Prior, follow_corrected
+from tasks.cloth.state_modes import smooth_modes
+from tasks.effects.model import Model
+from tasks.gap.gathered import Gathered, jobs, restarted
+from tasks.gap.held_out import Shrinkage, floor_mm, shrinkage, unchanged
+from tasks.gap.hypotheses import Fitted
+from tasks.gap.refits import Refitted, corrected_model
+from tasks.gap.screening import MODES
+from tasks.gap.trials import Trials
+from tasks.gap.verdict import Verdict, abstained, first_alone, judge
+
+CHANCES = 3
+
+
+@dataclass(frozen=True)
+class Decided:
+    """What the training windows say: the verdict, what it names as simulated last, the first of two named causes simulated alone, the pairs that were
+    weighed."""
+
+    verdict: Verdict
+    named: Refitted | None
+    alone: Refitted | None
+    pairs: tuple[Fitted, ...]
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """The verdict that motion kept out leaves, what it names; before, after: windows kept out with the base and with what is named (those of the training
+    where nothing is kept out); gap: how these compare; pairs that were weighed beside the first leader."""
+
+    verdict: Verdict
+    named: Refitted | None
+    before: Sequence[Evidence]
+    after: Sequence[Evidence]
+    gap: Shrinkage
+    pairs: tuple[Fitted, ...]
+
+
+def decided(trials: Trials) -> Decided:
+    """Judged until what is named has been simulated."""
+    while True:
+        pairs = trials.pairs()
+        verdict = judge(
+            trials.singles,
+            pairs,
+            unexplained=trials.doubt(pairs),
+            missing=trials.replayed.something_missing,
+            cosines=trials.cosines,
+            vetoed=trials.vetoed,
+        )
+        if verdict.named is None:
+            return Decided(verdict, None, None, pairs)
+        name, own = verdict.named.name, verdict.named.effects
+        alone = trials.after[own[0].name] if len(own) == 2 else None
+        if name in trials.after:
+            named = trials.after[name]
+            return Decided(replace(verdict, named=named.hypothesis), named, alone, pairs)
+        trials.after[name] = trials.simulate(verdict.named, alone and alone.model)
+
+
+def confirmed(trials: Trials, first: Decided, kept: Gathered | None) -> Confirmed:
+    """What is left of a verdict on windows kept out. kept: None, or without windows, where there are none: the verdict stands, and no claim is made."""
+    screened = trials.screened
+    floor = floor_mm(screened.evidence, trials.train.recordings)
+    if kept is None or not kept.windows:
+        after = screened.evidence if first.named is None else first.named.evidence
+        gap = shrinkage(screened.evidence, after, floor_mm=floor, held_out=False)
+        return Confirmed(first.verdict, first.named, screened.evidence, after, gap, first.pairs)
+    test = _Test(trials, kept, floor)
+    now, reasons = first, []
+    while now.named is not None:
+        now, after = test.of_second(now, test.evidence(now.named))
+        gap = test.gap(after)
+        if gap.shrinks:
+            verdict = replace(now.verdict, reason="; next, ".join(reasons))
+            return Confirmed(verdict, now.named, test.before, after, gap, first.pairs)
+        reasons.append(_reason(now, gap))
+        trials.veto(now.verdict.named.effects)
+        now = decided(trials)
+        if len(reasons) == CHANCES:
+            now = replace(now, verdict=abstained(now.verdict), named=None)
+    verdict = replace(now.verdict, reason="; next, ".join(reasons))
+    return Confirmed(verdict, None, test.before, test.before, unchanged(test.gap(test.before)), first.pairs)
+
+
+def _reason(now: Decided, gap: Shrinkage) -> str:
+    seen = "the gap hardly shrinks" if gap.after_mm == gap.after_mm else "it cannot be simulated"
+    return f"{now.verdict.named.name} leads, but on motion kept out of the fit {seen}"
+
+
+class _Test:
+    """Windows kept out; what the base makes of them."""
+
+    def __init__(self, trials: Trials, kept: Gathered, floor: float) -> None:
+        self.trials, self.kept, self.floor = trials, kept, floor
+        self.before = self._followed(trials.screened.base.model, trials.screened.base.prior)
+
+    def evidence(self, named: Refitted) -> list[Evidence]:
+        """What a refit makes of them."""
+        return self._followed(corrected_model(named), self.trials.screened.base.prior)
+
+    def gap(self, after: Sequence[Evidence]) -> Shrinkage:
+        """How the gap shrinks from the base's."""
+        return shrinkage(self.before, after, floor_mm=self.floor, held_out=True)
+
+    def of_second(self, now: Decided, after: list[Evidence]) -> tuple[Decided, list[Evidence]]:
+        """Of two named causes the first, where the second does not help beside it."""
+        alone = now.alone
+        if alone is None or alone.windows is None:
+            return now, after
+        one = self.evidence(alone)
+        if shrinkage(one, after, floor_mm=self.floor, held_out=True).shrinks:
+            return now, after
+        return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
+
+    def _followed(self, model: Model, prior: Prior) -> list[Evidence]:
+        """Simulated from the start states that a model's body allows."""
+        φ = smooth_modes(model.subject.cloth, MODES)
+        run = self.trials.run
+        return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run), φ, prior=prior)))

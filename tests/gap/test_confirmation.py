@@ -1,0 +1,121 @@
+"""What leads is put to motion kept out: what does not help there is not named, and the next one is asked."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.gap import confirmation
+from tasks.gap.confirmation import CHANCES, confirmed, decided
+from tasks.gap.refits import Refitted
+from tests.gap.test_held_out import evidence
+from tests.gap.test_hypotheses import EFFECTS
+from tests.gap.test_trials import Rehearsed
+
+DRAG, DAMPING, FRICTION, HEM, TILT = (e.name for e in EFFECTS)
+KEPT = SimpleNamespace(windows=[None])
+FLOOR, BASE = 1.0, 10.0  # mm
+
+
+@pytest.fixture
+def put(monkeypatch):
+    """Evidence of each effect on the training windows and mm of each hypothesis on windows kept out -> what is confirmed, and the trials."""
+
+    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT):
+        t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))
+        t.screened.hypotheses = tuple(
+            replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
+        )
+        t.screened.evidence, t.screened.base = _simulated(np.random.default_rng(0), BASE), SimpleNamespace(model="none", prior=None)
+        t.alike, t.train = alike, SimpleNamespace(recordings=())
+        t.windows = t.screened.evidence
+        t.settle(quick=False)
+        t.pairs = lambda: () if pair is None else _pairs(t, *pair)
+        monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)
+        monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
+        rng = np.random.default_rng(1)
+        monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model, prior: _simulated(rng, mm.get(model, BASE)))
+        return confirmed(t, decided(t), kept), t
+
+    return run
+
+
+def _simulated(rng, mm):
+    if mm is None:
+        return [replace(e, prediction=replace(e.prediction, ending="stalled"), residual=None) for e in evidence(rng, 1.0)]
+    return evidence(rng, mm)
+
+
+def _pairs(trials, second, gain):
+    """One second effect beside the leader."""
+    leader, other = trials.leader, next(h for h in trials.screened.hypotheses if h.name == second)
+    weights = (*leader.weights, replace(other.weights[0], likelihood=gain, prior=0.0))
+    return (replace(leader, effects=(*leader.effects, *other.effects), strengths={**leader.strengths, **other.strengths}, weights=weights),)
+
+
+def test_what_helps_there_keeps_its_name(put):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 3.0})
+    assert found.verdict.classes == ((FRICTION,),) and found.verdict.reason == ""
+    assert found.gap.after_mm == pytest.approx(3.0, rel=0.05) and found.named.hypothesis is found.verdict.named
+
+
+def test_the_next_one_is_asked_where_it_is_likelier_than_nothing(put):
+    found, trials = put({FRICTION: 20.0, DRAG: 14.0}, {FRICTION: 9.9, DRAG: 3.0})
+    assert found.verdict.classes == ((DRAG,),)
+    assert found.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit the gap hardly shrinks"
+    assert found.gap.after_mm == pytest.approx(3.0, rel=0.05) and found.named.hypothesis.name == DRAG
+    assert trials.asked[-1][0] == DRAG  # what is named has been simulated
+    assert sum(c.probability for c in found.verdict.ranking) == pytest.approx(1)
+
+
+def test_and_is_not_where_nothing_is_likelier(put):
+    found, _ = put({FRICTION: 20.0, DRAG: -2.0}, {FRICTION: 9.9, DRAG: 3.0})
+    assert found.verdict.kind in ("none", "outside_library") and found.named is None
+    assert found.gap.after_mm == found.gap.before_mm
+
+
+def test_of_what_forms_a_class_with_it_the_others_are_asked(put):
+    before, _ = put({FRICTION: 20.0, DRAG: 19.0}, {}, kept=None)
+    assert before.verdict.classes == ((FRICTION, DRAG),)
+    after, trials = put({FRICTION: 20.0, DRAG: 19.0}, {DRAG: 3.0})
+    assert {FRICTION} == trials.vetoed and after.verdict.classes == ((DRAG,),)
+    assert _of(after.verdict, FRICTION) == pytest.approx(0.01 * _of(after.verdict, "none") / len(EFFECTS), rel=0.02)
+
+
+def _of(verdict, name):
+    return next(c.probability for c in verdict.ranking if name in c.names)
+
+
+def test_of_many_names_only_a_few_are_put_to_it(put):
+    weigh = {FRICTION: 30.0, DRAG: 25.0, DAMPING: 20.0, HEM: 15.0}
+    found, trials = put(weigh, {HEM: 3.0})
+    assert found.verdict.kind == "none" and len(trials.vetoed) == CHANCES
+    assert found.verdict.reason.count("leads") == CHANCES
+    assert _of(found.verdict, HEM) > 0.9  # said as it is
+    found, _ = put(weigh, {DAMPING: 3.0})
+    assert found.verdict.classes == ((DAMPING,),)
+
+
+def test_twins_of_what_does_not_help_are_not_asked(put):
+    found, trials = put({FRICTION: 20.0, DRAG: 19.0}, {DRAG: 3.0}, alike=frozenset({frozenset((FRICTION, DRAG))}))
+    assert found.verdict.kind == "none" and trials.vetoed == {FRICTION, DRAG}
+
+
+@pytest.mark.parametrize(("together", "names"), [(3.0, {FRICTION, DRAG}), (5.0, {FRICTION})])
+def test_a_second_cause_stays_only_if_it_helps_beside_the_first(put, together, names):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 5.0, f"{FRICTION} + {DRAG}": together}, pair=(DRAG, 10.0))
+    assert {n for c in found.verdict.classes for n in c} == names
+    assert found.gap.after_mm == pytest.approx(together, rel=0.05)
+
+
+def test_what_cannot_be_simulated_there_says_so(put):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: None})
+    assert found.verdict.named is None
+    assert found.verdict.reason.endswith("it cannot be simulated")
+
+
+def test_without_motion_kept_out_no_claim_is_made(put):
+    found, trials = put({FRICTION: 20.0}, {}, kept=SimpleNamespace(windows=[]))
+    assert found.verdict.classes == ((FRICTION,),) and not found.gap.held_out and not trials.vetoed
+    assert isinstance(found.named, Refitted)
