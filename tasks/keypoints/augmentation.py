@@ -9,8 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tasks.keypoints.crop import map_forth
-from tasks.keypoints.network import INPUT_SIZE, MEAN, STD
+from tasks.keypoints.crop import INPUT_SIZE, map_forth
 
 
 def augmented(
@@ -42,11 +41,6 @@ def centred(image: np.ndarray, keypoints: np.ndarray) -> tuple[np.ndarray, np.nd
     """The middle 192 x 256 of a picture as it is: what the detector sees when its box is right."""
     corner = (np.array(image.shape[1::-1]) - INPUT_SIZE) // 2
     return image[corner[1] : corner[1] + INPUT_SIZE[1], corner[0] : corner[0] + INPUT_SIZE[0]], keypoints - corner
-
-
-def normalised(crops: np.ndarray) -> np.ndarray:
-    """RGB [...,height,width,3] uint8 -> [...,3,height,width] float32 by the ImageNet mean and deviation."""
-    return np.moveaxis((crops - np.float32(MEAN)) / np.float32(STD), -1, -3).astype(np.float32)
 
 
 def _random_view(picture: tuple[int, int], size: tuple[int, int], random: np.random.Generator) -> np.ndarray:

@@ -11,7 +11,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+INPUT_SIZE = (192, 256)  # width, height [px] of the bundled network
 PADDING = 1.25
+MEAN = (123.675, 116.28, 103.53)  # ImageNet, RGB; kept so that RTMPose preprocessing serves the bundled network unchanged
+STD = (58.395, 57.12, 57.375)
 
 
 def crop_matrix(box: np.ndarray, size: tuple[int, int], *, padding: float = PADDING) -> np.ndarray:
@@ -46,3 +49,8 @@ def map_forth(uv: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 def map_back(uv: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Crop px [...,2] -> picture px."""
     return (uv - matrix[:, 2]) @ np.linalg.inv(matrix[:, :2]).T
+
+
+def normalised(crops: np.ndarray) -> np.ndarray:
+    """RGB [...,height,width,3] uint8 -> [...,3,height,width] float32 by the ImageNet mean and deviation."""
+    return np.moveaxis((crops - np.float32(MEAN)) / np.float32(STD), -1, -3).astype(np.float32)

@@ -20,8 +20,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort
 
 from tasks.body.wholebody import FLIP
 from tasks.geometry.faults import BadInput, Fault, refuse
-from tasks.keypoints.augmentation import normalised
-from tasks.keypoints.crop import crop_matrix, map_back, warp
+from tasks.keypoints.crop import crop_matrix, map_back, normalised, warp
 from tasks.keypoints.person_box import box_from_keypoints, box_from_mask
 from tasks.keypoints.simcc import decode, unflip
 

@@ -19,14 +19,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-INPUT_SIZE = (192, 256)  # width, height [px]
+from tasks.keypoints.crop import INPUT_SIZE
+
 KEYPOINTS = 133
 FINE = 23  # keypoints 0-22 (body and feet) come from the fine head, the other 110 from the coarse one
 STRIDES = (4, 8)  # [px] per heat-map cell: fine, coarse
 TARGET_σ = (5.0, 6.0)  # [px] width of the Gaussian that a heat-map is trained towards: fine, coarse
 SMOOTHING_σ = (3.6, 7.2)  # [px] width of the kernel that turns cells into half-pixel bins
-MEAN = (123.675, 116.28, 103.53)  # ImageNet, RGB; kept so that RTMPose preprocessing serves this model unchanged
-STD = (58.395, 57.12, 57.375)
 
 
 class WholeBodyNet(nn.Module):

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import torch
 
-from tasks.keypoints.network import INPUT_SIZE, SimccNet, WholeBodyNet
+from tasks.keypoints.crop import INPUT_SIZE
+from tasks.keypoints.network import SimccNet, WholeBodyNet
 
 OPSET = 17
 STORED_HALF = 1024  # initialisers with at least this many numbers are stored in float16

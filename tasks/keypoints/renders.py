@@ -20,8 +20,8 @@ import numpy as np
 from tasks.body.wholebody import keypoints133
 from tasks.geometry.meshes import vertex_normals
 from tasks.geometry.rotations import matrix_from_axis_angle
+from tasks.keypoints.crop import INPUT_SIZE
 from tasks.keypoints.materials import skin_material
-from tasks.keypoints.network import INPUT_SIZE
 from tasks.keypoints.poses import random_pose
 from tasks.keypoints.shading import look_at, render
 from tasks.keypoints.surroundings import furniture, painted_backdrop, random_light, random_room, stick_figure

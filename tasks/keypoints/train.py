@@ -18,8 +18,9 @@ import numpy as np
 import torch
 from torch import Tensor, distributed, nn
 
-from tasks.keypoints.augmentation import augmented, normalised
-from tasks.keypoints.network import FINE, INPUT_SIZE, WholeBodyNet, spatial_cross_entropy
+from tasks.keypoints.augmentation import augmented
+from tasks.keypoints.crop import INPUT_SIZE, normalised
+from tasks.keypoints.network import FINE, WholeBodyNet, spatial_cross_entropy
 from tasks.keypoints.onnx_file import write_onnx
 from tasks.keypoints.pictures import Shard, read_shard
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tasks.body.model import BodyModel
 from tasks.body.wholebody import FLIP
-from tasks.keypoints.network import INPUT_SIZE
+from tasks.keypoints.crop import INPUT_SIZE
 from tasks.keypoints.pictures import SHARD, write_shards
 from tasks.keypoints.renders import Studio
 from tasks.keypoints.train import Progress, train

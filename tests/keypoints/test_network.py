@@ -5,7 +5,8 @@ import onnxruntime
 import pytest
 import torch
 
-from tasks.keypoints.network import FINE, INPUT_SIZE, SimccNet, WholeBodyNet, heatmap_targets, spatial_cross_entropy
+from tasks.keypoints.crop import INPUT_SIZE
+from tasks.keypoints.network import FINE, SimccNet, WholeBodyNet, heatmap_targets, spatial_cross_entropy
 from tasks.keypoints.onnx_file import write_onnx
 from tasks.keypoints.simcc import decode
 

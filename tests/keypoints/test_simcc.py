@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from tasks.body.wholebody import FLIP
-from tasks.keypoints.network import FINE, INPUT_SIZE, STRIDES, SMOOTHING_σ, TARGET_σ, bins_from_cells, heatmap_targets
+from tasks.keypoints.crop import INPUT_SIZE
+from tasks.keypoints.network import FINE, STRIDES, SMOOTHING_σ, TARGET_σ, bins_from_cells, heatmap_targets
 from tasks.keypoints.simcc import decode, unflip
 
 
