@@ -21,6 +21,7 @@ from tasks.cloth.numerics import corrected
 from tasks.cloth.shooting import (
     DAMPING,
     SCALE,
+    STUCK,
     BaseFit,
     Evidence,
     Job,
@@ -82,7 +83,7 @@ def refit_jointly(
             break
         better = _better(model, now, jobs, prior, run)
         if better is None:
-            ending = "converged: no shorter step lowers the misfit"
+            ending = STUCK
             break
         model, now = better
         prior = estimated_prior(now, noise, prior)

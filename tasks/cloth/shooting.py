@@ -36,6 +36,7 @@ LARGEST_STEP = 1.2  # of a logarithm
 LONGEST = 4.0  # times Gauss–Newton's own step, where the last one showed less curvature than promised
 SETTLED = 0.05  # of a logarithm
 PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth another round
+STUCK = "stopped: no shorter step lowers the misfit; another start may end elsewhere"
 DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
 CORRECTED = (1.0, 0.5)  # shares of a start's correction that are tried
 SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
@@ -251,7 +252,7 @@ def refit(
         step = stretch * np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
         fabric, step = moved(model.subject.fabric, np.clip(step, -LARGEST_STEP, LARGEST_STEP))
         if np.abs(step).max() < SETTLED or 0.5 * stretch * full @ A @ full < PROMISE * coordinates:
-            ending = "converged"
+            ending = "converged" if damping == DAMPING[0] else STUCK
             break
         tried_model = with_fabric(model, fabric)
         tried = list(run(follow, [replace(job, model=tried_model) for job in jobs]))
@@ -263,7 +264,7 @@ def refit(
         elif stretch > 1:
             stretch = 1.0
         elif damping == DAMPING[-1]:
-            ending = "converged: no shorter step lowers the misfit"
+            ending = STUCK
             break
         else:
             damping = DAMPING[DAMPING.index(damping) + 1]

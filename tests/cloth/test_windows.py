@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import PARAMETERS, Job, Prior, follow, follow_corrected, refit, stretch_of, with_fabric
+from tasks.cloth import shooting
+from tasks.cloth.shooting import PARAMETERS, STUCK, Job, Prior, follow, follow_corrected, refit, stretch_of, with_fabric
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Recording, Window, predict, windows
@@ -180,6 +181,23 @@ def test_the_refit_finds_the_ratios_of_a_twin():
     assert fabric.bending / fabric.density == pytest.approx(FABRIC.bending / FABRIC.density, rel=0.3)
     misfits = [row["misfit"] for row in fit.history]
     assert misfits[-1] < misfits[0]
+
+
+@pytest.mark.parametrize("settled", [0.0, 10.0])
+def test_a_refit_that_no_step_betters_does_not_call_that_converged(monkeypatch, settled):
+    """settled 10: any step is short, the first one because it is, later ones because they were shortened."""
+    model, recording, *_ = swung(12, noise=1e-3)
+    wrong = with_fabric(model, Fabric(320.0, 1.0, 40.0))
+    found = states(wrong, recording.motion, recording.observed, 1e-3)
+    todo = [Job(wrong, recording, w, found, smooth_modes(model.subject.cloth, 4)) for w in windows([recording], FPS)]
+    monkeypatch.setattr(shooting, "_loss", lambda of, beside, prior: 1.0)
+    monkeypatch.setattr(shooting, "SETTLED", settled)
+    assert refit(todo, noise=1e-3, iterations=6).ending == ("converged" if settled else STUCK)
+    monkeypatch.setattr(shooting, "SETTLED", 0.3)
+    monkeypatch.setattr(shooting, "LARGEST_STEP", 0.31)
+    monkeypatch.setattr(shooting, "DAMPING", (1e-3, 1e3))
+    stopped = refit(todo, noise=1e-3, iterations=6)
+    assert stopped.ending == STUCK and stopped.model.subject.fabric == wrong.subject.fabric
 
 
 def test_steps_that_creep_are_lengthened_by_the_curvature_that_was_not_there():
