@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from prefect import Flow, flow
+from prefect.logging import get_logger
 
 from flows.dataset import DatasetParameters, Sequence, Standing, find_sequences, plan_dataset
 from flows.request import Request
@@ -23,12 +24,14 @@ from flows.service.hand_over import actor_work
 from flows.service.order import Service
 from flows.service.survey import json_settings, survey
 from storage_schemas.durable import make_folders, replace_file
+from storage_schemas.faults import DiskFull
 from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 GPU_POOLS = frozenset({"tracking", "rendering"})
 FOLDER = ".datasets"
 SHOW_EVERY_S, ROWS_SHOWN = 10.0, 500
+FULL_DISK_PAUSES_S = (5.0, 20.0, 60.0)
 ORDER = ("failed", "over quota", "refused", "running", "completed", "queued")  # what somebody must look at stands first
 
 
@@ -96,7 +99,7 @@ def dataset_flow(service: Service) -> Flow:
 
 async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequence]) -> Campaign:
     """Process the sequences; the campaign as it ended. Raises WorkFailed at the end if any of them failed."""
-    store = open_store(settings.store)
+    store = await _opened(settings.store)
     campaign = Campaign(store.root)
     wishes: DatasetParameters = settings.dataset
 
@@ -122,6 +125,17 @@ async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequ
     if failed:
         raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {failed[0]}")
     return campaign
+
+
+async def _opened(location: Any) -> Store:
+    """The store. A new one is founded, for which a full disk may leave no room: somebody may free some before the campaign is given up."""
+    for pause in FULL_DISK_PAUSES_S:
+        try:
+            return open_store(location)
+        except DiskFull as full:
+            get_logger(__name__).warning("%s Tried again in %.0f s.", full, pause)
+            await asyncio.sleep(pause)
+    return open_store(location)
 
 
 async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, request_of: Any, store: Store) -> None:

@@ -11,6 +11,7 @@ from flows.dataset import DatasetParameters, counts, find_sequences, mark_finish
 from flows.service import campaign
 from flows.service.campaign import Campaign, over_quota, run_campaign
 from flows.service.dispatch import WorkFailed
+from storage_schemas.faults import DiskFull
 from storage_schemas.store import Store
 from tests.service import tiny
 from tests.service.finished import finished_sequences
@@ -165,3 +166,23 @@ def test_every_stage_of_the_avatar_has_an_archived_stand_in_to_plan_over(tmp_pat
     store = Store(settings.store)
     found = plan_dataset(find_sequences(settings.data), lambda at: service.request(at, settings, store), store)
     assert counts(found) == {"finished": 3}
+
+
+@pytest.mark.parametrize("times", [2, 9])
+def test_a_full_disk_under_a_new_store_is_waited_out_for_a_while(place, monkeypatch, times):
+    tried = []
+
+    def found(location):
+        tried.append(location)
+        if len(tried) <= times:
+            raise DiskFull.at(place, 0)
+        return Store(location)
+
+    monkeypatch.setattr(campaign, "open_store", found)
+    monkeypatch.setattr(campaign, "FULL_DISK_PAUSES_S", (0.0, 0.0, 0.0))
+    if times == 2:
+        assert set(run(monkeypatch, sound).counts()) == {"completed"}
+    else:
+        with pytest.raises(DiskFull):
+            run(monkeypatch, sound)
+    assert len(tried) == min(times, 3) + 1
