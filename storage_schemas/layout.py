@@ -20,12 +20,12 @@ from storage_schemas.reference import HEX, NAME, Address
 
 def stage_folder(root: Path, address: Address) -> Path:
     """Holds all artifacts of one stage for one sequence."""
-    return root / address.actor / address.sequence / address.stage
+    return root.joinpath(address.actor, address.sequence, address.stage)
 
 
 def artifact_folder(root: Path, address: Address) -> Path:
     """Where the artifact is or will be."""
-    return stage_folder(root, address) / address.key
+    return root.joinpath(address.actor, address.sequence, address.stage, address.key)
 
 
 def checkpoint_folder(root: Path, address: Address) -> Path:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Self
 
@@ -60,7 +61,7 @@ class Manifest(BaseModel):
 
     def size_faults(self, folder: Path) -> list[Fault]:
         """Files missing, added, or of another size. Costs one `stat` per file, and no `Path`: a plan asks this of every artifact there is."""
-        found = {within: os.stat(path).st_size for within, path in _walked(folder)}  # noqa: PTH116
+        found = {within: entry.stat().st_size for within, entry in _walked(str(folder))}
         faults = [Fault(str(folder / name), "is missing", REMEDY) for name in self.files.keys() - found.keys()]
         faults += [Fault(str(folder / name), "is not in the manifest", REMEDY) for name in found.keys() - self.files.keys()]
         for name in self.files.keys() & found.keys():
@@ -80,17 +81,18 @@ class Manifest(BaseModel):
 
 def files_in(folder: Path) -> dict[str, Path]:
     """Every file of an artifact but manifest and provenance, by its path within the artifact, sorted."""
-    return {within: Path(path) for within, path in sorted(_walked(folder))}
+    return {within: Path(entry.path) for within, entry in sorted(_walked(str(folder)), key=itemgetter(0))}
 
 
-def _walked(folder: Path) -> Iterator[tuple[str, str]]:
-    """(path within the artifact, path) of every file but manifest and provenance, as strings."""
-    root = len(str(folder)) + 1
-    for at, _, files in os.walk(folder):
-        for name in files:
-            path = f"{at}/{name}"
-            if path[root:] not in OUTSIDE:
-                yield path[root:], path
+def _walked(folder: str, above: str = "") -> Iterator[tuple[str, os.DirEntry]]:
+    """(path within the artifact, entry) of every file but manifest and provenance."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            within = f"{above}{entry.name}"
+            if entry.is_dir(follow_symlinks=False):
+                yield from _walked(entry.path, f"{within}/")
+            elif within not in OUTSIDE:
+                yield within, entry
 
 
 def sha256_of(path: Path) -> str:

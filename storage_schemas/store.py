@@ -77,10 +77,11 @@ class Store:
     def find(self, actor: str, sequence: str, stage: str, key: str) -> ArtifactRef | None:
         """The artifact of this key if every file is there at its size; None if it must be computed (again)."""
         address = Address(actor=actor, sequence=sequence, stage=stage, key=key)
-        if (digest := present_digest(self.folder(address))) is None:
+        folder = self.folder(address)
+        if (digest := present_digest(folder)) is None:
             return None
         with contextlib.suppress(OSError):  # a store mounted read-only is not swept either
-            touch(self.folder(address))
+            touch(folder)
         return self._ref(address, digest)
 
     def open(self, ref: ArtifactRef, schema: type[R], *, frames: slice | None = None) -> R:
