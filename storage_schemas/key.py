@@ -20,15 +20,18 @@ import numpy as np
 
 from storage_schemas.faults import BadRecord, Fault
 
+PLAIN = (str, int, bool)  # most of what there is, and a plan over thousands of sequences asks for all of it
 EXACT_INTEGER = 2**53  # above this a float no longer names one integer
 
 
 def plain_json(value: Any, where: str = "value") -> Any:
     """`value` in None, bool, int, float, str, list and dict; raises BadRecord that names the spot inside `value`."""
+    if value is None or type(value) in PLAIN:
+        return value
     match value:
         case np.generic():
             return plain_json(value.item(), where)
-        case None | bool() | int() | str():
+        case bool() | int() | str():
             return value
         case float() if math.isfinite(value):
             return value
@@ -74,11 +77,11 @@ def _text(name: Any, where: str) -> str:
 
 
 def _integral(value: Any) -> Any:
-    match value:
-        case float() if value.is_integer() and abs(value) < EXACT_INTEGER:
-            return int(value)
-        case list():
-            return [_integral(item) for item in value]
-        case dict():
-            return {name: _integral(item) for name, item in value.items()}
+    kind = type(value)  # plain_json leaves exactly these
+    if kind is float and value.is_integer() and abs(value) < EXACT_INTEGER:
+        return int(value)
+    if kind is list:
+        return [_integral(item) for item in value]
+    if kind is dict:
+        return {name: _integral(item) for name, item in value.items()}
     return value

@@ -33,12 +33,16 @@ def content_digest(path: Path) -> str:
 
 def _digest(path: Path) -> str:
     if not path.is_dir():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return _of_file(str(path))
     tree = hashlib.sha256()
     for within, below in _files(str(path)):
-        tree.update(f"{within}\0{_digest(Path(below.path))}\n".encode())
+        tree.update(f"{within}\0{_of_file(below.path)}\n".encode())
     return tree.hexdigest()
+
+
+def _of_file(path: str) -> str:
+    with open(path, "rb") as file:  # noqa: PTH123  a Path per picture costs more than its digest
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _signature(path: Path) -> tuple[str, float]:
