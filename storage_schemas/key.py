@@ -31,7 +31,7 @@ def plain_json(value: Any, where: str = "value") -> Any:
     match value:
         case np.generic():
             return plain_json(value.item(), where)
-        case bool() | int() | str():
+        case bool() | int() | str():  # of a class of their own
             return value
         case float() if math.isfinite(value):
             return value
@@ -77,11 +77,10 @@ def _text(name: Any, where: str) -> str:
 
 
 def _integral(value: Any) -> Any:
-    kind = type(value)  # plain_json leaves exactly these
-    if kind is float and value.is_integer() and abs(value) < EXACT_INTEGER:
-        return int(value)
-    if kind is list:
+    if isinstance(value, float):
+        return int(value) if value.is_integer() and abs(value) < EXACT_INTEGER else value
+    if isinstance(value, list):
         return [_integral(item) for item in value]
-    if kind is dict:
+    if isinstance(value, dict):
         return {name: _integral(item) for name, item in value.items()}
     return value

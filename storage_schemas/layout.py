@@ -25,7 +25,7 @@ def stage_folder(root: Path, address: Address) -> Path:
 
 def artifact_folder(root: Path, address: Address) -> Path:
     """Where the artifact is or will be."""
-    return root.joinpath(address.actor, address.sequence, address.stage, address.key)
+    return stage_folder(root, address) / address.key
 
 
 def checkpoint_folder(root: Path, address: Address) -> Path:

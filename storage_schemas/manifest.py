@@ -7,9 +7,7 @@ again downstream. Nothing in it depends on who computed the artifact, or when: e
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Callable, Iterator
-from operator import itemgetter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
@@ -17,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from storage_schemas.faults import Corrupt, Fault
 from storage_schemas.record import Record
+from storage_schemas.tree import files_below, sha256_of
 
 MANIFEST, PROVENANCE = "manifest.json", "provenance.json"
 OUTSIDE = frozenset({MANIFEST, PROVENANCE})
@@ -61,7 +60,7 @@ class Manifest(BaseModel):
 
     def size_faults(self, folder: Path) -> list[Fault]:
         """Files missing, added, or of another size. Costs one `stat` per file, and no `Path`: a plan asks this of every artifact there is."""
-        found = {within: entry.stat().st_size for within, entry in _walked(str(folder))}
+        found = {within: entry.stat().st_size for within, entry in files_below(folder) if within not in OUTSIDE}
         faults = [Fault(str(folder / name), "is missing", REMEDY) for name in self.files.keys() - found.keys()]
         faults += [Fault(str(folder / name), "is not in the manifest", REMEDY) for name in found.keys() - self.files.keys()]
         for name in self.files.keys() & found.keys():
@@ -81,21 +80,5 @@ class Manifest(BaseModel):
 
 def files_in(folder: Path) -> dict[str, Path]:
     """Every file of an artifact but manifest and provenance, by its path within the artifact, sorted."""
-    return {within: Path(entry.path) for within, entry in sorted(_walked(str(folder)), key=itemgetter(0))}
-
-
-def _walked(folder: str, above: str = "") -> Iterator[tuple[str, os.DirEntry]]:
-    """(path within the artifact, entry) of every file but manifest and provenance."""
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            within = f"{above}{entry.name}"
-            if entry.is_dir(follow_symlinks=False):
-                yield from _walked(entry.path, f"{within}/")
-            elif within not in OUTSIDE:
-                yield within, entry
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's content, in hex."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    found = {within: Path(entry.path) for within, entry in files_below(folder) if within not in OUTSIDE}
+    return dict(sorted(found.items()))

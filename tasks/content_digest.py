@@ -9,9 +9,9 @@ import json
 import os
 import time
 from collections.abc import Iterator
-from operator import attrgetter
 from pathlib import Path
 
+from storage_schemas.tree import files_below, sha256_of
 from tasks.geometry.faults import BadInput, Fault
 
 SETTLED_S = 2.0
@@ -33,35 +33,27 @@ def content_digest(path: Path) -> str:
 
 def _digest(path: Path) -> str:
     if not path.is_dir():
-        return _of_file(str(path))
+        return sha256_of(path)
     tree = hashlib.sha256()
-    for within, below in _files(str(path)):
-        tree.update(f"{within}\0{_of_file(below.path)}\n".encode())
+    for within, entry in files_below(path):
+        tree.update(f"{within}\0{sha256_of(entry.path)}\n".encode())
     return tree.hexdigest()
-
-
-def _of_file(path: str) -> str:
-    with open(path, "rb") as file:  # noqa: PTH123  a Path per picture costs more than its digest
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _signature(path: Path) -> tuple[str, float]:
     """Names, sizes and times of everything below, as one digest; and the newest time."""
     seen, newest = hashlib.sha256(), 0.0
-    for name, stat in [("", path.stat())] if not path.is_dir() else ((name, below.stat()) for name, below in _files(str(path))):
+    for name, stat in _stats(path):
         seen.update(f"{name}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ino}\n".encode())
         newest = max(newest, stat.st_mtime)
     return seen.hexdigest(), newest
 
 
-def _files(folder: str, above: str = "") -> Iterator[tuple[str, os.DirEntry]]:
-    """(path within the folder, entry) of every file below, in the order of their parts; links to folders are not followed."""
-    with os.scandir(folder) as entries:
-        for entry in sorted(entries, key=attrgetter("name")):
-            if entry.is_dir(follow_symlinks=False):
-                yield from _files(entry.path, f"{above}{entry.name}/")
-            elif entry.is_file():
-                yield f"{above}{entry.name}", entry
+def _stats(path: Path) -> Iterator[tuple[str, os.stat_result]]:
+    if path.is_dir():
+        yield from ((within, entry.stat()) for within, entry in files_below(path))
+    else:
+        yield "", path.stat()
 
 
 def _memory(path: Path) -> Path:

@@ -1,6 +1,5 @@
 """A recording as the later stages meet it: the cameras of the capture artifact and its pictures, each checked against its digest."""
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from storage_schemas.capture import Capture
+from storage_schemas.tree import sha256_of
 from tasks.capture.recording import Recording
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault
@@ -58,8 +58,7 @@ class _Checked(Recording):
 def _same(root: Path, file: str, sha256: dict[str, str]) -> Path:
     path = root / file
     try:
-        with path.open("rb") as opened:
-            found = hashlib.file_digest(opened, "sha256").hexdigest()
+        found = sha256_of(path)
     except OSError as error:
         raise BadInput(
             [Fault(str(path), f"it cannot be read ({error.strerror})", "Restore the recording, or point `data` at it.")]

@@ -1,11 +1,11 @@
 """The door of capture: read and check a whole recording, keep its calibration and the digest of every picture."""
 
-import hashlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal
 
 from storage_schemas.capture import Capture
+from storage_schemas.tree import sha256_of
 from tasks.capture.actorshq import read_actorshq
 from tasks.capture.calibrated_video import read_calibrated_video
 from tasks.capture.recording import Recording
@@ -76,9 +76,5 @@ def _as_record(recording: Recording, folder: Path) -> Capture:
 
 
 def _digests(folder: Path, files: list[str]) -> dict[str, str]:
-    def digest(file: str) -> str:
-        with (folder / file).open("rb") as opened:
-            return hashlib.file_digest(opened, "sha256").hexdigest()
-
     with ThreadPoolExecutor(4) as pool:
-        return dict(zip(files, pool.map(digest, files)))
+        return dict(zip(files, pool.map(sha256_of, (folder / file for file in files))))

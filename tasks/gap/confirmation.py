@@ -7,7 +7,9 @@ At most `CHANCES` names are: of many, one would pass by chance.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tasks.cloth.shooting import Evidence, Prior, follow_corrected
+import numpy as np
+
+from tasks.cloth.shooting import Evidence, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs, restarted
@@ -48,15 +50,7 @@ class Confirmed:
 def decided(trials: Trials) -> Decided:
     """Judged until what is named has been simulated."""
     while True:
-        pairs = trials.pairs()
-        verdict = judge(
-            trials.singles,
-            pairs,
-            unexplained=trials.doubt(pairs),
-            missing=trials.replayed.something_missing,
-            cosines=trials.cosines,
-            vetoed=trials.vetoed,
-        )
+        verdict, pairs = _judged(trials)
         if verdict.named is None:
             return Decided(verdict, None, None, pairs)
         name, own = verdict.named.name, verdict.named.effects
@@ -65,6 +59,12 @@ def decided(trials: Trials) -> Decided:
             named = trials.after[name]
             return Decided(replace(verdict, named=named.hypothesis), named, alone, pairs)
         trials.after[name] = trials.simulate(verdict.named, alone and alone.model)
+
+
+def _judged(trials: Trials) -> tuple[Verdict, tuple[Fitted, ...]]:
+    pairs, missing = trials.pairs(), trials.replayed.something_missing
+    doubt = trials.doubt(pairs)
+    return judge(trials.singles, pairs, unexplained=doubt, missing=missing, cosines=trials.cosines, vetoed=trials.vetoed), pairs
 
 
 def confirmed(trials: Trials, first: Decided, kept: Gathered | None) -> Confirmed:
@@ -81,19 +81,19 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None) -> Confirme
         now, after = test.of_second(now, test.evidence(now.named))
         gap = test.gap(after)
         if gap.shrinks:
-            verdict = replace(now.verdict, reason="; next, ".join(reasons))
-            return Confirmed(verdict, now.named, test.before, after, gap, first.pairs)
+            return Confirmed(_because(reasons, now.verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
         trials.veto(now.verdict.named.effects)
-        now = decided(trials)
-        if len(reasons) == CHANCES:
-            now = replace(now, verdict=abstained(now.verdict), named=None)
-    verdict = replace(now.verdict, reason="; next, ".join(reasons))
-    return Confirmed(verdict, None, test.before, test.before, unchanged(test.gap(test.before)), first.pairs)
+        now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())
+    return Confirmed(_because(reasons, now.verdict), None, test.before, test.before, unchanged(test.gap(test.before)), first.pairs)
+
+
+def _because(reasons: Sequence[str], verdict: Verdict) -> Verdict:
+    return replace(verdict, reason="; next, ".join(reasons))
 
 
 def _reason(now: Decided, gap: Shrinkage) -> str:
-    seen = "the gap hardly shrinks" if gap.after_mm == gap.after_mm else "it cannot be simulated"
+    seen = "the gap hardly shrinks" if np.isfinite(gap.after_mm) else "it cannot be simulated"
     return f"{now.verdict.named.name} leads, but on motion kept out of the fit {seen}"
 
 
@@ -102,11 +102,11 @@ class _Test:
 
     def __init__(self, trials: Trials, kept: Gathered, floor: float) -> None:
         self.trials, self.kept, self.floor = trials, kept, floor
-        self.before = self._followed(trials.screened.base.model, trials.screened.base.prior)
+        self.before = self._followed(trials.screened.base.model)
 
     def evidence(self, named: Refitted) -> list[Evidence]:
         """What a refit makes of them."""
-        return self._followed(corrected_model(named), self.trials.screened.base.prior)
+        return self._followed(corrected_model(named))
 
     def gap(self, after: Sequence[Evidence]) -> Shrinkage:
         """How the gap shrinks from the base's."""
@@ -122,8 +122,8 @@ class _Test:
             return now, after
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
 
-    def _followed(self, model: Model, prior: Prior) -> list[Evidence]:
+    def _followed(self, model: Model) -> list[Evidence]:
         """Simulated from the start states that a model's body allows."""
         φ = smooth_modes(model.subject.cloth, MODES)
-        run = self.trials.run
+        run, prior = self.trials.run, self.trials.screened.base.prior
         return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run), φ, prior=prior)))

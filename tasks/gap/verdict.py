@@ -9,7 +9,7 @@ of the leader's evidence, and those whose signatures are its own up to strength 
 apart. Those within as much of the second one form the second's.
 
 "Outside the library" takes the place of "none", times B, by the doubt u that the best hypothesis leaves (`library_doubt.py`). A cause in the library
-leaves nothing; by itself it weighs 1 − (1 − `OTHERWISE`) u of that.
+leaves nothing; by itself it weighs 1 − (1 − `OTHERWISE`) u of that. What motion kept out has vetoed (`confirmation.py`) has no evidence, less `VETO`.
 
 Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
 are chosen on open cases (README).

@@ -35,7 +35,7 @@ def put(monkeypatch):
         monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
-        monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model, prior: _simulated(rng, mm.get(model, BASE)))
+        monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, BASE)))
         return confirmed(t, decided(t), kept), t
 
     return run
@@ -92,6 +92,7 @@ def test_of_many_names_only_a_few_are_put_to_it(put):
     found, trials = put(weigh, {HEM: 3.0})
     assert found.verdict.kind == "none" and len(trials.vetoed) == CHANCES
     assert found.verdict.reason.count("leads") == CHANCES
+    assert HEM not in {name for name, _ in trials.asked}  # what cannot be named any more is not simulated
     assert _of(found.verdict, HEM) > 0.9  # said as it is
     found, _ = put(weigh, {DAMPING: 3.0})
     assert found.verdict.classes == ((DAMPING,),)

@@ -49,6 +49,13 @@ def test_numpy_scalars_are_numbers_and_a_boolean_is_not_one():
     assert key(flag=True) != key(flag=1)
 
 
+def test_a_number_of_a_class_of_its_own_is_that_number():
+    class Metres(float):
+        pass
+
+    assert key(step=Metres(1.0)) == key(step=1)
+
+
 @pytest.mark.parametrize(
     ("value", "says"),
     [
