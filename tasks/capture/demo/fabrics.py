@@ -1,8 +1,9 @@
 """The cloth of the demo's garments, drawn from ranges measured on real fabrics.
 
-Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending rigidity B 3e-5 to 1.2e-4 N·m: orders of magnitude of firm woven
-cotton and wool of skirt weight. Softer cloth folds over less than the edges of the simulated mesh: its bending length (B/ρ̄g)^⅓ would
-fall below 23 mm. Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
+Areal density 0.12-0.24 kg/m², stretch stiffness E·t 150-600 N/m, bending length (B/ρ̄g)^⅓ 46-58 mm (B 1.1e-4 to 4.6e-4 N·m): orders of magnitude
+of firm woven cotton, felt and canvas of skirt weight. Softer cloth folds over less than 1.3 edges of the template (33 mm): a mesh of that size cannot
+show its bending (`tasks/cloth/estimates.py` says so then), and differs from the finer one by more than what it is to find.
+Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
 """
 
 import numpy as np
@@ -11,8 +12,9 @@ from tasks.simulator.fabric import Fabric
 
 AREAL_DENSITY = (0.12, 0.24)  # [kg/m²]
 STRETCH = (150.0, 600.0)  # [N/m]
-BENDING_RIGIDITY = (3e-5, 1.2e-4)  # [N·m]
+BENDING_LENGTH = (0.046, 0.058)  # [m]
 FRICTION = 0.2
+GRAVITY = 9.81  # [m/s²]
 
 
 def draw_fabrics(names: tuple[str, ...], rng: np.random.Generator) -> dict[str, Fabric]:
@@ -22,7 +24,7 @@ def draw_fabrics(names: tuple[str, ...], rng: np.random.Generator) -> dict[str, 
         name: Fabric.from_si(
             areal_density=density,
             stretch=_log_uniform(STRETCH, rng),
-            bending_rigidity=_log_uniform(BENDING_RIGIDITY, rng),
+            bending_rigidity=density * GRAVITY * _log_uniform(BENDING_LENGTH, rng) ** 3,
             friction=FRICTION,
         )
         for name in names

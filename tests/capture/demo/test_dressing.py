@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tasks.capture.demo import dressing
 from tasks.capture.demo.actor import attach
 from tasks.capture.demo.dressing import Fitting, wear
-from tasks.capture.demo.fabrics import AREAL_DENSITY, BENDING_RIGIDITY, STRETCH, draw_fabrics
+from tasks.capture.demo.fabrics import AREAL_DENSITY, BENDING_LENGTH, STRETCH, draw_fabrics
 from tasks.capture.demo.garments import Panel, sew
 from tasks.capture.demo.panels import sample, triangulate
+from tasks.cloth.estimates import bending_length
 from tasks.simulator.fabric import Fabric
 
 
@@ -82,4 +83,4 @@ def test_fabrics_lie_in_their_ranges_and_share_one_weight() -> None:
         for fabric in fabrics.values():
             assert AREAL_DENSITY[0] <= fabric.areal_density <= AREAL_DENSITY[1]
             assert STRETCH[0] <= fabric.stretch_stiffness <= STRETCH[1]
-            assert BENDING_RIGIDITY[0] <= fabric.bending_rigidity <= BENDING_RIGIDITY[1]
+            assert BENDING_LENGTH[0] <= bending_length(fabric) <= BENDING_LENGTH[1]
