@@ -27,6 +27,7 @@ from tasks.simulator.base_model import base_problem
 from tasks.simulator.newton import CONVERGED, minimise
 from tasks.simulator.time_integration import State, known, rule
 from tests.benchmarks.kept import once, place
+from tests.simulator.cipc_air import LaggedAir
 from tests.simulator.scenes import free, sheet, sphere, still
 from tests.simulator.stress import examine, names
 
@@ -46,7 +47,7 @@ AS_CIPC = Settings(
 LIKE_CIPC = replace(AS_CIPC, solver="cipc")
 # C-IPC's CPU s/frame and Newton iterations/frame, and how many times less is asked of us
 STORED = {"skirt_base": (8.13, 31.2, 4), "sphere_1600": (6.04, 24.0, 2), "sphere_3600": (12.55, 25.5, 2)}
-AGREEMENT = ("skirt_base", "skirt_friction_0", "skirt_friction_04", "sphere_1600", "sphere_3600", "sphere_7225")
+AGREEMENT = ("skirt_base", "skirt_friction_0", "skirt_friction_04", "skirt_drag", "sphere_1600", "sphere_3600", "sphere_7225")
 STRESS_FILE = Path(__file__).parents[1] / "simulator/stress.py"
 NINTH = 9  # of the steps, where asking all is too dear
 Row = tuple[str, float, str, bool]
@@ -98,7 +99,8 @@ def one_solution(name: str, k: int) -> dict[str, Any]:
     """Rms distances [mm] of one step solved to the end, from x_k and from C-IPC's own x_{k+1}."""
     cloth, fabric, collider, x, c = recording(name)
     frame = step_of(name, k, AS_CIPC)
-    problem, now = base_problem(cloth, fabric, collider, c[k], settings=AS_CIPC), State(x[k], (x[k] - x[k - 1]) * 25, c[k])
+    now = State(x[k], (x[k] - x[k - 1]) * 25, c[k])
+    problem = base_problem(cloth, fabric, collider, c[k], settings=AS_CIPC, potentials=air_of(name, cloth, fabric, now.v))
     step = known(rule("backward_euler", 0.04, None), now, now, c[k + 1], 0.04)
     exact = _rms(frame.x - x[k + 1]) if frame.converged else np.inf
     return {"exact": exact, "own": _rms(minimise(problem, x[k + 1], step).x - x[k + 1])}
@@ -110,8 +112,18 @@ def step_of(name: str, k: int, settings: Settings) -> Frame:
     done = share_done(c[0], c[k], c[k + 1])
     end, boundary = c[k] + (c[k + 1] - c[k]) / done, (x[k] + (x[k + 1] - x[k]) / done)[cloth.boundary]
     motions = {"collider_motion": np.stack([c[k], end]), "boundary_motion": np.stack([x[k, cloth.boundary], boundary])}
-    *_, frame = simulate(cloth, fabric, collider, fps=25, x0=x[k], v0=(x[k] - x[k - 1]) * 25, settings=settings, **motions)
+    v = (x[k] - x[k - 1]) * 25
+    *_, frame = simulate(
+        cloth, fabric, collider, fps=25, x0=x[k], v0=v, settings=settings, potentials=air_of(name, cloth, fabric, v), **motions
+    )
     return frame
+
+
+def air_of(name: str, cloth: Cloth, fabric: Fabric, v: np.ndarray) -> tuple[LaggedAir, ...]:
+    """The air of a recording, for a step from velocities v [V, 3] m/s; none where it has none."""
+    said = json.loads((DATA / "parameters.json").read_text())[name]["fx"]
+    c = dict(term.split("=") for term in said.split(",")) if said else {}
+    return (LaggedAir(cloth, fabric, v, across=float(c["Cn"]), along=float(c["Ct"])),) if c else ()
 
 
 def share_done(shape: np.ndarray, now: np.ndarray, then: np.ndarray) -> float:
