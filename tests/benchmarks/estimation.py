@@ -46,7 +46,7 @@ Row = tuple[str, Any, str, bool]
 
 def place(name: str, compute: Callable[..., Any], science: str, ending: str = "json") -> Path:
     """The file of a case."""
-    return kept_place("estimation", name, compute, science=science, scenes=TWIN_FILE, ending=ending)
+    return kept_place("estimation", name, compute, science=science, scenes=(TWIN_FILE,), ending=ending)
 
 
 def kept(name: str, compute: Callable[..., dict[str, Any]], *arguments: Any, science: str) -> dict[str, Any]:

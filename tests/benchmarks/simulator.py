@@ -48,14 +48,14 @@ LIKE_CIPC = replace(AS_CIPC, solver="cipc")
 # C-IPC's CPU s/frame and Newton iterations/frame, and how many times less is asked of us
 STORED = {"skirt_base": (8.13, 31.2, 4), "sphere_1600": (6.04, 24.0, 2), "sphere_3600": (12.55, 25.5, 2)}
 AGREEMENT = ("skirt_base", "skirt_friction_0", "skirt_friction_04", "skirt_drag", "sphere_1600", "sphere_3600", "sphere_7225")
-STRESS_FILE = Path(__file__).parents[1] / "simulator/stress.py"
+SCENES = tuple(Path(__file__).parents[1] / "simulator" / name for name in ("stress.py", "cipc_air.py"))
 NINTH = 9  # of the steps, where asking all is too dear
 Row = tuple[str, float, str, bool]
 
 
 def kept(name: str, compute: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """compute(*arguments), once per state of the simulator, of the stress runs and of the function."""
-    return once(place("simulator", name, compute, science="tasks.simulator.simulate", scenes=STRESS_FILE), compute, *arguments)
+    """compute(*arguments), once per state of the simulator, of what is simulated and of the function."""
+    return once(place("simulator", name, compute, science="tasks.simulator.simulate", scenes=SCENES), compute, *arguments)
 
 
 def recording(name: str) -> tuple[Cloth, Fabric, Collider, np.ndarray, np.ndarray]:
@@ -98,8 +98,7 @@ def one_step(name: str, k: int) -> dict[str, Any]:
 def one_solution(name: str, k: int) -> dict[str, Any]:
     """Rms distances [mm] of one step solved to the end, from x_k and from C-IPC's own x_{k+1}."""
     cloth, fabric, collider, x, c = recording(name)
-    frame = step_of(name, k, AS_CIPC)
-    now = State(x[k], (x[k] - x[k - 1]) * 25, c[k])
+    frame, now = step_of(name, k, AS_CIPC), State(x[k], (x[k] - x[k - 1]) * 25, c[k])
     problem = base_problem(cloth, fabric, collider, c[k], settings=AS_CIPC, potentials=air_of(name, cloth, fabric, now.v))
     step = known(rule("backward_euler", 0.04, None), now, now, c[k + 1], 0.04)
     exact = _rms(frame.x - x[k + 1]) if frame.converged else np.inf
@@ -113,9 +112,8 @@ def step_of(name: str, k: int, settings: Settings) -> Frame:
     end, boundary = c[k] + (c[k + 1] - c[k]) / done, (x[k] + (x[k + 1] - x[k]) / done)[cloth.boundary]
     motions = {"collider_motion": np.stack([c[k], end]), "boundary_motion": np.stack([x[k, cloth.boundary], boundary])}
     v = (x[k] - x[k - 1]) * 25
-    *_, frame = simulate(
-        cloth, fabric, collider, fps=25, x0=x[k], v0=v, settings=settings, potentials=air_of(name, cloth, fabric, v), **motions
-    )
+    air = air_of(name, cloth, fabric, v)
+    *_, frame = simulate(cloth, fabric, collider, fps=25, x0=x[k], v0=v, settings=settings, potentials=air, **motions)
     return frame
 
 

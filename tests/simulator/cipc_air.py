@@ -9,8 +9,7 @@ from typing_extensions import override
 
 from tasks.effects.effect import Subject
 from tasks.effects.faces_in_air import AIR_DENSITY, PlatesTerm, across
-from tasks.simulator import Cloth, Fabric
-from tasks.simulator.cloth import Collider
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric
 from tasks.simulator.potential import Array
 
 
@@ -19,7 +18,7 @@ class LaggedAir(PlatesTerm):
 
     def __init__(self, cloth: Cloth, fabric: Fabric, v: Array, *, across: float, along: float) -> None:
         """v [V, 3] m/s: velocities one step before; across, along: C_n and C_t."""
-        subject = Subject(cloth, fabric, Collider(np.empty((0, 3), np.int32)), np.full(len(cloth.x_rest), "free"), 25.0)
+        subject = Subject(cloth, fabric, NO_COLLIDER, np.full(len(cloth.x_rest), "free"), 25.0)
         super().__init__(subject, "air", 1 / fabric.areal_density)
         self.u, self.coefficients = self.air.mean(v), (across, along)
 

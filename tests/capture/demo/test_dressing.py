@@ -84,3 +84,10 @@ def test_fabrics_lie_in_their_ranges_and_share_one_weight() -> None:
             assert AREAL_DENSITY[0] <= fabric.areal_density <= AREAL_DENSITY[1]
             assert STRETCH[0] <= fabric.stretch_stiffness <= STRETCH[1]
             assert BENDING_LENGTH[0] <= bending_length(fabric) <= BENDING_LENGTH[1]
+
+
+def test_the_template_can_show_how_the_cloth_bends(plan) -> None:
+    from tasks.cloth.estimates import EDGES_PER_BENDING_LENGTH, mean_edge
+
+    for garment in plan.scanned.values():
+        assert BENDING_LENGTH[0] >= EDGES_PER_BENDING_LENGTH * mean_edge(garment.vertices, garment.faces)
