@@ -14,6 +14,7 @@ from flows.endings import OK, STAGE_FAILED
 app = App(name="exam", help="The blind check of the diagnosis.")
 Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
+Json = Annotated[bool, Parameter(name="--json", negative="")]
 OUT, ERR = Console(), Console(stderr=True)
 
 
@@ -29,7 +30,7 @@ def exam(
     out: Path = Path("exam"),
     rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
     rival: Annotated[tuple[str, ...], Parameter(name="--rival", negative="")] = (),
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Make recordings with a hidden cause, let `gap run` name it, and score the answers. What was done before is kept.
 
@@ -50,17 +51,24 @@ def exam(
     from flows import exam_engine
     from flows.exam_rival import chosen
     from tasks.exam.rivals import library
-    from tasks.exam.scorer.page import page
-
-    def say(line: str) -> None:
-        ERR.print(line, markup=False, highlight=False)
 
     if engine != "own":
-        exam_engine.prepare(say)
+        exam_engine.prepare(_say)
     folder = out / blind.folder_name(seed, split, engine)
     sitting = blind.Exam(blind.Folder(folder), cases, seed, split, engine)
     beside = chosen(tuple(library.rivals()) if rivals else rival)
-    result = blind.sit(sitting, rivals=beside, spread=_spread(at_once, service=service), say=say)
+    result = blind.sit(sitting, rivals=beside, spread=_spread(at_once, service=service), say=_say)
+    return _tell(result, folder, json_)
+
+
+def _say(line: str) -> None:
+    ERR.print(line, markup=False, highlight=False)
+
+
+def _tell(result: dict[str, Any], folder: Path, json_: bool) -> int:
+    """Page and JSON into the folder, and what was asked for to stdout."""
+    from tasks.exam.scorer.page import page
+
     (folder / "exam.html").write_text(page(result))
     (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
@@ -106,13 +114,33 @@ def generate(*, cases: int, out: Path, seed: int = 0, first: int = 0) -> int:
 
 
 @app.command
+def pictures(*, cases: int = 8, seed: int = 0, split: Split = "open", out: Path = Path("exam"), json_: Json = False) -> int:
+    """Cases that start from images with a fault of calibration or body, and go through all stages. What was done before is kept.
+
+    Parameters
+    ----------
+    cases: How many; a quarter of an hour each.
+    seed: Which set of cases.
+    split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+    out: Folder of this exam.
+    json_: Machine-readable JSON on stdout.
+    """
+    from flows import exam as blind
+    from flows import exam_pictures
+    from flows.exam_scoreboard import PICTURES
+
+    folder = out / blind.folder_name(seed, split, PICTURES)
+    return _tell(exam_pictures.sit(blind.Folder(folder), cases, seed, split, say=_say), folder, json_)
+
+
+@app.command
 def rival(
     name: str,
     *tracks: Path,
     predict: Annotated[Path, Parameter(name="--predict")],
     out: Annotated[Path, Parameter(name="--out")],
     without: Annotated[tuple[str, ...], Parameter(name="--without", negative="")] = (),
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Let a rival of the diagnosis answer what `gap run` would.
 
@@ -157,4 +185,6 @@ def _show_figures(result: dict[str, Any]) -> None:
 
 
 def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
+    from tasks.exam.scorer.page import number
+
+    return number(value)

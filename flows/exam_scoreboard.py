@@ -10,6 +10,7 @@ from tasks.exam.scorer.summary import summary
 
 SCOREBOARD = Path(__file__).parents[1] / "docs" / "exam-scoreboard.jsonl"
 OWN = "own"  # the generator's own engine; attempts from before there was another say nothing
+PICTURES = "pictures"  # cases that start from images (`exam_pictures.py`)
 Row = dict[str, Any]
 
 
@@ -41,7 +42,7 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
 def figures(engine: str, attempts: Sequence[Row]) -> Row:
     """Figures of the diagnosis; of each rival, its own and the diagnosis' on the cases that it answered."""
     pool = pooled(attempts)
-    ours, residual_mm = (pool, None) if engine == OWN else counted(pool)
+    ours, residual_mm = (pool, None) if engine in (OWN, PICTURES) else counted(pool)
     rivals = {}
     for name in dict.fromkeys(name for attempt in attempts for name in attempt.get("rivals", {})):
         theirs = {case: row for case, row in pooled(attempts, name).items() if case in ours}

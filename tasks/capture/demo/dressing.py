@@ -1,4 +1,4 @@
-"""Dressing the actor and moving the garments with the simulator, in air: the effect that the diagnosis has to find.
+"""Dressing the actor and moving the garments with the simulator and what the base model lacks: in the demo air, which the diagnosis has to find.
 
 Top and skirt are simulated apart, each against the part of the body that it can meet; they do not meet each other (the top ends above
 the skirt's waist). Rest shape is the flat pattern: rest lengths from `uv`, rest angles zero. Before the first frame the garment
@@ -8,7 +8,7 @@ frames where BDF2 has no history yet.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from tasks.capture.demo.skirt import SkirtCut, skirt
 from tasks.capture.demo.top import TopCut, top
 from tasks.effects.air_normal_drag import EFFECT as AIR_NORMAL_DRAG
 from tasks.effects.effect import Motion, Subject
+from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.geometry.meshes import submesh
 from tasks.simulator.cloth import Cloth, Collider
@@ -29,6 +30,7 @@ from tasks.simulator.simulate import Frame
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 State = tuple[Array, Array]
+Unmodelled = Mapping[str, tuple[float, ...]]
 
 SEGMENT = 10  # frames
 SETTLING = 32  # frames of implicit Euler, which damps
@@ -41,8 +43,8 @@ MEETS = {"skirt": (0, 1, 2, 3, 4, 5, 6, 20, 21, *range(25, 55)), "top": (0, 3, 6
 
 @dataclass(frozen=True)
 class Fitting:
-    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and the
-    drag C_d/ρ̄ [m²/kg] of the air it moves in, which the base model lacks."""
+    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and what the
+    base model lacks: effect -> strengths in SI units (`tasks/effects`)."""
 
     garment: Garment
     fabric: Fabric
@@ -50,17 +52,23 @@ class Fitting:
     collider_motion: Array
     boundary_motion: Array
     fps: float
-    drag: float = 0.0
+    unmodelled: Unmodelled = field(default_factory=dict)
 
 
-def fit(name: str, actor: Actor, fabric: Fabric, *, spacing: float, rng: np.random.Generator) -> Fitting:
-    """Sew the garment `name` ("skirt" or "top") around the actor as she stands in frame 0, with triangles of edge `spacing` [m]."""
+def fit(
+    name: str, actor: Actor, fabric: Fabric, *, spacing: float, rng: np.random.Generator, unmodelled: Unmodelled | None = None
+) -> Fitting:
+    """Sew the garment `name` ("skirt" or "top") around the actor as she stands in frame 0, with triangles of edge `spacing` [m].
+
+    unmodelled: what the base model lacks; drag in still air where nothing is given.
+    """
     garment = cut(name, actor, spacing=spacing, rng=rng)
     carried = attach(garment.vertices[garment.boundary], actor, frame=0)
     faces, surface = _collider(actor, MEETS[name])
     transforms = actor.posed.transforms
-    drag = DRAG_COEFFICIENT / fabric.areal_density
-    return Fitting(garment, fabric, faces, surface.at(transforms), carried.at(transforms), actor.motion.fps, drag)
+    air = {AIR_NORMAL_DRAG.name: (DRAG_COEFFICIENT / fabric.areal_density,)}
+    lacking = air if unmodelled is None else unmodelled
+    return Fitting(garment, fabric, faces, surface.at(transforms), carried.at(transforms), actor.motion.fps, lacking)
 
 
 def cut(name: str, actor: Actor, *, spacing: float, rng: np.random.Generator) -> Garment:
@@ -118,7 +126,8 @@ def _run(fitting: Fitting, state: State, frames: slice | Array, settings: Settin
     g = fitting.garment
     cloth = Cloth(g.vertices, g.faces, g.boundary, uv=g.uv_vertices[g.uv_faces], rest_angles="flat")
     subject = Subject(cloth, fitting.fabric, Collider(fitting.collider_faces), np.full(len(g.vertices), "free"), fitting.fps)
-    model = Model(subject, settings, (AIR_NORMAL_DRAG,), {AIR_NORMAL_DRAG.name: np.array([fitting.drag])})
+    known, strengths = library(), {name: np.array(θ) for name, θ in fitting.unmodelled.items()}
+    model = Model(subject, settings, tuple(known[name] for name in strengths), strengths)
     for frame in model.run(Motion(fitting.collider_motion[frames], fitting.boundary_motion[frames]), *state):
         _require(frame, g.name)
         yield frame

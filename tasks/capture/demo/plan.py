@@ -14,7 +14,7 @@ from tasks.body.wholebody import keypoints133
 from tasks.capture.demo import textures
 from tasks.capture.demo.actor import Actor, cast
 from tasks.capture.demo.complexion import complexion
-from tasks.capture.demo.dressing import Fitting, cut, fit
+from tasks.capture.demo.dressing import Fitting, Unmodelled, cut, fit
 from tasks.capture.demo.fabrics import draw_fabrics
 from tasks.capture.demo.garments import Garment
 from tasks.capture.demo.pictures import draw_gains
@@ -61,11 +61,11 @@ class Plan:
         return [self.actor.posed.vertices[frame], *(worn[name][frame][corner_vertices(f.garment)] for name, f in self.fittings.items())]
 
 
-def make_plan(request: Request, model: BodyModel) -> Plan:
-    """The plan of a recording with this body model."""
+def make_plan(request: Request, model: BodyModel, unmodelled: Unmodelled | None = None) -> Plan:
+    """The plan of a recording with this body model; unmodelled: what moves the garments beside the base model, air where nothing is given."""
     actor = cast(model, frames=request.frames, fps=request.fps, energy=request.energy, rng=stream(request.seed, "actor"))
     fabrics = draw_fabrics(tuple(GARMENTS), stream(request.seed, "fabrics"))
-    fittings = {n: fit(n, actor, fabrics[n], spacing=FINE, rng=stream(request.seed, f"{n} fine")) for n in GARMENTS}
+    fittings = {n: fit(n, actor, fabrics[n], spacing=FINE, rng=stream(request.seed, f"{n} fine"), unmodelled=unmodelled) for n in GARMENTS}
     scanned = {n: cut(n, actor, spacing=COARSE, rng=stream(request.seed, f"{n} coarse")) for n in GARMENTS}
     centre = np.array([0.0, actor.posed.vertices[0][:, 1].max() / 2, 0.0])
     cameras = ring_cameras(

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tasks.body.anny_body import build_demo_body
 from tasks.body.model import BodyModel
 from tasks.capture.calibration_actorshq import write_calibration_csv
+from tasks.capture.demo.dressing import Unmodelled
 from tasks.capture.demo.files import COMPLETE, altered, seal, write_json, write_whole
 from tasks.capture.demo.labour import photograph, simulate_garment
 from tasks.capture.demo.plan import Plan, Request, make_plan, stream
@@ -52,10 +53,12 @@ def make_demo_recording(
     actor: str = "Demo",
     sequence: str = "Sequence1",
     request: Request = STANDARD,
+    unmodelled: Unmodelled | None = None,
     workers: int = 2,
     on_progress: Progress | None = None,
 ) -> Path:
-    """Make (or go on with) a recording; the folder of the sequence. `cache` holds the body once it is built.
+    """Make (or go on with) a recording; the folder of the sequence. `cache` holds the body once it is built; unmodelled: what moves the garments
+    beside the base model, air where nothing is given.
 
     on_progress(what, done, total) is called now and then. Raises BadInput if the folder holds a recording of another request,
     RuntimeError where a garment's simulation does not converge.
@@ -63,12 +66,13 @@ def make_demo_recording(
     folder, truth = Path(root) / actor / sequence, Path(truth_root) / actor / sequence
     report = on_progress or (lambda what, done, total: None)
     body, whole = build_demo_body(cache), {"recording": folder, "truth": truth}
-    _claim(truth / "request.json", {"edition": EDITION, "body": body.name, **asdict(request)})
+    planted = {} if unmodelled is None else {"unmodelled": {name: list(θ) for name, θ in unmodelled.items()}}
+    _claim(truth / "request.json", {"edition": EDITION, "body": body.name, **asdict(request), **planted})
     if (differing := altered(truth / COMPLETE, whole)) == []:
         return folder
     for path in differing or []:
         path.unlink(missing_ok=True)
-    plan = make_plan(request, BodyModel.load(body))
+    plan = make_plan(request, BodyModel.load(body), unmodelled)
     with _pool(workers) as pool:
         worn = _simulate(pool, plan, truth / "states", report)
         _photograph(pool, plan, worn, folder / SCALE, report)

@@ -70,7 +70,7 @@ def _garment(fitting: Fitting, worn: Array, surface: Surface) -> dict[str, np.nd
         "bending_rigidity": np.array(fabric.bending_rigidity),
         "friction": np.array(fabric.friction),
         "density": np.array(fabric.density),
-        "air_normal_drag": np.array(fitting.drag),
+        **{name: np.squeeze(θ) for name, θ in fitting.unmodelled.items()},
         "kappa_s": np.array(fabric.membrane),
         "kappa_b": np.array(fabric.bending),
     }

@@ -28,7 +28,8 @@ def _large(magnitude_mm: float, residual_mm: float | None) -> bool:
 def heading(result: Mapping[str, Any]) -> str:
     """Whose cases these are, and which of them count."""
     if result["null_residual_mm"] is None and not result["too_small"]:
-        return f"cases of the {'generator' if result['engine'] == 'own' else result['engine'] + ' engine'}: {result['cases']}"
+        whose = {"own": "of the generator", "pictures": "from images"}.get(result["engine"], f"of the {result['engine']} engine")
+        return f"cases {whose}: {result['cases']}"
     left = "unknown" if result["null_residual_mm"] is None else f"{result['null_residual_mm']:.3g} mm"
     small = f"; smaller than twice that, and not counted: {result['too_small']}" if result["too_small"] else ""
     return f"cases of the {result['engine']} engine: {result['cases']} count; the refitted base misses its nulls by {left}{small}"

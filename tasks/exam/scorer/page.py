@@ -32,7 +32,7 @@ def page(result: Mapping[str, Any]) -> str:
 def _figures(result: Mapping[str, Any]) -> str:
     return _table(
         ("metric", "value", "95 %", "cases"),
-        ((f["metric"], _number(f["value"]), f"{_number(f['low'])} … {_number(f['high'])}", f["cases"]) for f in result["figures"]),
+        ((f["metric"], number(f["value"]), f"{number(f['low'])} … {number(f['high'])}", f["cases"]) for f in result["figures"]),
     )
 
 
@@ -42,7 +42,7 @@ def _rivals(result: Mapping[str, Any]) -> str:
         return ""
     beside = columns(result)
     metrics = [f["metric"] for f in result["figures"]]
-    table = _table(("metric", *beside), ((m, *(_number(values.get(m)) for values in beside.values())) for m in metrics))
+    table = _table(("metric", *beside), ((m, *(number(values.get(m)) for values in beside.values())) for m in metrics))
     matrices = "".join(
         f"<details><summary>{escape(name)}: what it named for what</summary>{_matrix(rival['rows'])}</details>"
         for name, rival in result["rivals"].items()
@@ -72,11 +72,12 @@ def _cell(value: Any) -> str:
         if isinstance(value, list)
         else ""
         if value is None
-        else _number(value)
+        else number(value)
         if isinstance(value, float)
         else str(value)
     )
 
 
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
+def number(value: float | None) -> str:
+    """Three digits, or all before the point; a dash for nothing."""
+    return "–" if value is None else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"

@@ -12,6 +12,7 @@ from tasks.capture.demo.dressing import Fitting, wear
 from tasks.capture.demo.fabrics import AREAL_DENSITY, BENDING_LENGTH, STRETCH, draw_fabrics
 from tasks.capture.demo.garments import Panel, sew
 from tasks.capture.demo.panels import sample, triangulate
+from tasks.capture.demo.plan import make_plan
 from tasks.cloth.estimates import bending_length
 from tasks.simulator.fabric import Fabric
 
@@ -42,6 +43,26 @@ def test_taken_up_again_it_gives_the_same_bits(flag, monkeypatch) -> None:
         assert max(rest) == 12 and min(rest) == (1 if last < 10 else 11)
     moved = wear(replace(flag, fabric=Fabric(bending=100.0)), have={0: states[0]})
     assert np.abs(moved - whole).max() > 1e-5
+
+
+def test_what_the_base_model_lacks_moves_the_garment(flag, monkeypatch) -> None:
+    """Gravity that leans by θ about x settles the flag leaning towards −z; about z, towards +x. Nothing planted is nothing."""
+    monkeypatch.setattr(dressing, "SETTLING", 12)
+    hanging = replace(flag, boundary_motion=np.repeat(flag.boundary_motion[:1], 2, 0), collider_motion=flag.collider_motion[:2])
+    plain, still = wear(hanging)[-1], wear(replace(hanging, unmodelled={"gravity_tilt": (0.0, 0.0)}))[-1]
+    assert_allclose(still, plain, atol=1e-12)
+    lowest = np.argmin(hanging.garment.vertices[:, 1])
+    for strengths, axis, sign in (((0.08, 0.0), 2, -1), ((0.0, 0.08), 0, 1)):
+        moved = wear(replace(hanging, unmodelled={"gravity_tilt": strengths}))[-1][lowest] - plain[lowest]
+        assert sign * moved[axis] > 2e-4 and abs(moved[axis]) == np.abs(moved).max()
+
+
+def test_the_demo_moves_in_air_unless_told_otherwise(plan, body_model) -> None:
+    """C_d/ρ̄ of either garment; planted faults take its place."""
+    for fitting in plan.fittings.values():
+        assert fitting.unmodelled == {"air_normal_drag": (dressing.DRAG_COEFFICIENT / fitting.fabric.areal_density,)}
+    other = make_plan(plan.request, body_model, {"body_offset": (0.01,)})
+    assert all(f.unmodelled == {"body_offset": (0.01,)} for f in other.fittings.values())
 
 
 def test_the_boundary_goes_where_it_is_held(flag, monkeypatch) -> None:

@@ -1,0 +1,111 @@
+"""Cases from images: sealed before they are filmed, kept when asked again, marked apart from all others; a run that fails answers nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flows import exam_pictures
+from flows.exam import Folder, version
+from flows.exam_pictures import FAULTS, GARMENT, diagnose, make, mark, questions, sit
+from flows.exam_scoreboard import PICTURES
+from tasks.capture.demo.recording import STANDARD
+from tasks.effects.library import library
+from tasks.exam.scorer.page import page
+
+SIZE = {"magnitude_mm": 20.0, "numerics_mm": 3.0, "noise_mm": 2.0, "multiple": 5.5}
+
+
+def answering(names: list[str]) -> dict:
+    """An answer of `gap` that names these."""
+    verdict = {"kind": "effect", "effects": names[:1], "class": [names], "probability": 0.7, "sentence": ""}
+    ranking = [{"class": names, "probability": 0.7, "strength": {}}]
+    ranking += [{"class": [other], "probability": 0.15, "strength": {}} for other in ("none", "outside_library")]
+    return {"verdict": verdict, "ranking": ranking, "answer_set_90": [*names, "none"], "where": {}, "seconds": 100.0}
+
+
+@pytest.fixture
+def answered(tmp_path, monkeypatch):
+    """A folder whose recordings are not filmed, and whose every case is answered with the class of `body_offset`."""
+    monkeypatch.setattr(exam_pictures, "make_demo_recording", lambda *where, **asked: None)
+
+    def answer(folder, q) -> None:
+        out = folder.answer(q.number)
+        out.mkdir(parents=True, exist_ok=True)
+        told = {"artifacts": None, "answer": answering(["body_offset", "contact_thickness"])}
+        (out / "answer.json").write_text(json.dumps(told))
+        (out / "size.json").write_text(json.dumps(SIZE))
+
+    monkeypatch.setattr(exam_pictures, "diagnose", answer)
+    return Folder(tmp_path / "exam")
+
+
+def test_faults_are_plausible_and_every_case_is_another() -> None:
+    asked = questions(8, 3)
+    assert [q.fault for q in asked] == 4 * list(FAULTS)
+    assert asked == questions(8, 3) and asked[:3] == questions(3, 3) and asked != questions(8, 4)
+    assert len({q.request.seed for q in asked}) == 8
+    for q in asked:
+        allowed = library()[q.fault].strengths
+        assert len(q.strengths) == len(allowed)
+        assert all(s.low <= θ <= s.high for θ, s in zip(q.strengths, allowed, strict=True))
+        assert np.linalg.norm(q.strengths) >= allowed[0].typical, "too small to be asked for"
+        assert replace(q.request, seed=STANDARD.seed, energy=STANDARD.energy) == STANDARD
+
+
+def test_the_truth_is_sealed_before_anything_is_filmed(tmp_path, monkeypatch) -> None:
+    folder, (q, *_), order = Folder(tmp_path), questions(2, 0), []
+
+    def film(root, truth_root, **asked) -> None:
+        order.append((folder.case(0) / "truth.sha256").exists())
+        assert truth_root.name.endswith(".truth") and asked["unmodelled"] == q.unmodelled and asked["request"] == q.request
+
+    monkeypatch.setattr(exam_pictures, "make_demo_recording", film)
+    make(folder, q)
+    make(folder, q)
+    assert order == [True, True]  # the maker itself goes on where it was
+    assert set(folder.truth(0)["causes"]) == {q.fault}
+    (folder.sealed(0) / "truth.json").write_text("{}")
+    with pytest.raises(ValueError, match="not what was sealed"):
+        folder.truth(0)
+
+
+def test_a_run_that_fails_answers_nothing(tmp_path, monkeypatch) -> None:
+    """There is no recording of the actor: the stages refuse, and so nothing is answered; the case is marked as failed."""
+    folder, (q, *_) = Folder(tmp_path), questions(1, 0)
+    monkeypatch.setattr(exam_pictures, "make_demo_recording", lambda *where, **asked: None)
+    make(folder, q)
+    (tmp_path / "data").mkdir()
+    diagnose(folder, q)
+    told = json.loads((folder.answer(0) / "answer.json").read_text())
+    assert told == {"artifacts": None, "answer": None}
+    assert "case-0000" in (folder.answer(0) / "stderr.txt").read_text()
+    (folder.answer(0) / "size.json").write_text(json.dumps(SIZE))
+    row = mark(folder, q)
+    assert row["failed"] and row["kind"] == "failed" and row["probability_of_truth"] == 0
+
+
+def test_they_are_marked_and_stand_apart(answered, tmp_path) -> None:
+    """Both body cases are right by the class, both tilts are missed; the scoreboard says that they are pictures."""
+    board = tmp_path / "board.jsonl"
+    found = sit(answered, 4, 0, "sealed", scoreboard=board)
+    assert [row["right"] for row in found["rows"]] == [False, True, False, True]
+    assert [row["credit"] for row in found["rows"]] == [0.0, 1.0, 0.0, 1.0]
+    (line,) = map(json.loads, board.read_text().splitlines())
+    assert (line["engine"], line["version"], line["count"]) == (PICTURES, version(), 4)
+    figures = {f["metric"]: f["value"] for f in found["figures"]}
+    assert figures["top-1, single effects from 2x the floor"] == 0.5
+    assert "cases from images: 4" in page(found)
+    again = sit(answered, 4, 0, "sealed", scoreboard=board)
+    assert again == found  # what was answered once counts once
+
+
+def test_its_size_is_measured_on_the_garment_alone(monkeypatch, tmp_path) -> None:
+    """Driven vertices, which every run has alike, do not thin out the displacement."""
+    moved = np.zeros((3, 4, 3))
+    moved[:, :, 0] = 0.03
+    moved[:, 0] = 0.0
+    assert exam_pictures._rms_mm(moved, np.array([0])) == pytest.approx(30.0)
+    assert exam_pictures._rms_mm(moved, np.array([], int)) == pytest.approx(30.0 * np.sqrt(3 / 4))
+    assert GARMENT == "skirt"
