@@ -54,11 +54,8 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
     garment = inputs.garment
     work = coarse_garment(garment) if request.quick else whole_garment(garment)
 
-    kept = []
-
     def held_out():
-        kept.extend(work.recording(recording(read_tracked_geometry(p), str(p), garment)) for p in request.held_out)
-        return kept
+        return [work.recording(recording(read_tracked_geometry(p), str(p), garment)) for p in request.held_out]
 
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
         found = diagnose(
@@ -78,20 +75,18 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
     told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
-        _write_report(request, told, found, work.garment.recordings, kept or None)
+        _write_report(request, told, found, work.garment.recordings)
     return told, found
 
 
-def _write_report(
-    request: Request, told: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording], kept: Sequence[Recording] | None
-) -> None:
+def _write_report(request: Request, told: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording]) -> None:
     """The page, and the answer with its evidence beside it."""
     from tasks.gap.account import account, as_json
     from tasks.report.gap_page import gap_page, subtitle
 
-    evidence = account(found, recordings, kept)
+    evidence = account(found, recordings)
     line = subtitle([p.name for p in request.tracks], told)
-    html = gap_page(told, found, evidence, title="Gap diagnosis", subtitle=line, own=kept is None)
+    html = gap_page(told, found, evidence, title="Gap diagnosis", subtitle=line, own=not request.held_out)
     replace_file(request.report, html.encode())
     whole = told | {"evidence": as_json(evidence, found)}
     replace_file(request.report.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())

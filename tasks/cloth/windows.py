@@ -1,6 +1,7 @@
 """Multiple shooting: the recording cut into short windows, each simulated from its own start, with the derivatives of what it predicts.
 
-Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they hold.
+Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they hold, and in stiff
+cloth over a third.
 A window starts from the state of `start_state.py`, whose error is marginalised, not fitted, and so is what may accelerate the cloth beyond the model
 (`forcing.py`): z ~ N(0, diag(σ_x², σ_v², σ_a²)) enters
 
@@ -31,7 +32,8 @@ from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
 
-LENGTH_S = 0.18  # [s] the start's error and the base's own chaos grow: at a third of a second derivatives no longer hold
+SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond that derivatives do not hold in every cloth
+LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,9 @@ class Prediction:
         return self.ending == CONVERGED
 
 
-def windows(recordings: Sequence[Recording], fps: float) -> list[Window]:
-    """Windows of about `LENGTH_S` one after another through every recording."""
-    length, found = max(3, round(LENGTH_S * fps)), []
+def windows(recordings: Sequence[Recording], fps: float, length_s: float = SHORT_S) -> list[Window]:
+    """Windows of about `length_s` one after another through every recording."""
+    length, found = max(3, round(length_s * fps)), []
     for k, recording in enumerate(recordings):
         count = max(1, round((len(recording) - 1) / length))
         starts = np.linspace(0, len(recording) - 1, count + 1).round().astype(int)

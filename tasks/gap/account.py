@@ -67,13 +67,13 @@ class Account:
     rivals: dict[str, dict[str, Constancy]]
 
 
-def account(found: Diagnosis, recordings: Sequence[Recording], held_out: Sequence[Recording] | None = None) -> Account:
-    """Of a diagnosis of `recordings`, with the recordings that were held out, if files were."""
+def account(found: Diagnosis, recordings: Sequence[Recording]) -> Account:
+    """Of a diagnosis of `recordings`."""
     residual = np.array([rms_mm(found.before[:, i]) for i in range(found.before.shape[1])])
     s, named, fps = found.screened, found.verdict.named, found.base.subject.fps
     if s is None:
         return Account((), residual, found.vertex_accel, np.full_like(residual, np.nan), None, (), (), (), None, None, (), (), None, {}, {})
-    shown = stretches(found, recordings, held_out)
+    shown = stretches(found)
     noise = float(np.median([np.median(r.noise) for r in recordings]))
     singles = s.hypotheses
     speed = speeds(s.evidence, fps)

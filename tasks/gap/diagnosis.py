@@ -2,6 +2,9 @@
 
     states → base refit → the same computed otherwise → tangents of all effects → hypotheses → refit of the leaders → verdict → held-out windows
 
+Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library allowed,
+derivatives did not hold, and all is done again in shorter ones.
+
 Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
@@ -13,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, Map
-from tasks.cloth.windows import Recording
+from tasks.cloth.windows import Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, restated, split
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restated, split
 from tasks.gap.held_out import Shrinkage
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import comes_nearer, corrected_model
@@ -29,12 +32,15 @@ from tasks.gap.verdict import Candidate, Verdict
 
 Array = NDArray[np.float64]
 
+FOLLOWED = 0.75  # share of the windows
+PREDICTED = 4.0  # median misfit of a window per coordinate, every effect and forcing allowed, up to which it was predicted
+
 
 @dataclass(frozen=True)
 class Diagnosis:
     """The answer and what it rests on.
 
-    before, after [n, V, 3] m: residuals of the windows' frames, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
+    before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
     first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one;
     replayed: the base over whole recordings. named: the model for motions not seen: with the named effect, unless whole recordings replayed with it came
     less near than the base's.
@@ -51,6 +57,7 @@ class Diagnosis:
     base: Model
     named: Model
     screened: Screened | None
+    compared: tuple[Window, ...] = ()
     pairs: tuple[Fitted, ...] = ()
     replayed: Replayed | None = None
 
@@ -79,8 +86,14 @@ def diagnose(
     first = model
     model, correlation = roughly_refitted(model, train, run, tell)
     data = restated(model, data.correlated(correlation), run)
-    train, held = (data, None) if held_out is not None else split(data)
-    screened = screen(model, train, effects, contact_doubt=contact_doubt, quick=quick, run=run, tell=tell)
+    fps = model.subject.fps
+    for length_s in lengths(recordings, fps):
+        data = data.cut(length_s, fps)
+        train, held = (data, None) if held_out is not None else split(data)
+        tell(f"{len(train.windows)} windows of {length_s:.2g} s")
+        screened = screen(model, train, effects, contact_doubt=contact_doubt, quick=quick, run=run, tell=tell)
+        if _predicted(screened, train, tell):
+            break
     if len(screened.evidence) < FEWEST_WINDOWS:
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
@@ -89,8 +102,17 @@ def diagnose(
     trials.settle(quick=quick)
     verdict = decided(trials)
     tell("held-out windows")
-    kept = gather(screened.base.model, held_out(), run).correlated(correlation) if held_out is not None else held
+    kept = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps) if held_out is not None else held
     return _concluded(trials, confirmed(trials, verdict, kept), train)
+
+
+def _predicted(screened: Screened, train: Gathered, tell: Callable[[str], None]) -> bool:
+    """Whether nearly all windows could be followed, and derivatives held in them."""
+    if len(screened.evidence) < max(FEWEST_WINDOWS, FOLLOWED * len(train.windows)):
+        return False
+    misfit = float(np.median(screened.windows.overdispersion))
+    tell(f"misfit {misfit:.3g} with every effect allowed")
+    return misfit <= PREDICTED
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:
@@ -120,6 +142,7 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
         model,
         final,
         screened,
+        tuple(e.prediction.window for e in found.before if e.residual is not None),
         found.pairs,
         trials.replayed,
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tasks.cloth.shooting import Job, Map
 from tasks.cloth.start_state import States, states
 from tasks.cloth.tracking_noise import Correlation
-from tasks.cloth.windows import Recording, Window, windows
+from tasks.cloth.windows import LONG_S, SHORT_S, Recording, Window, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.model import Model
 
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 HELD = 0.3  # share of each recording's windows kept for the end where no recording is given for it
 FEWEST_WINDOWS = 4  # of training windows that can be followed
+ENOUGH = 8  # windows of all recordings, before they are made longer: their scatter says how sure a strength is
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,10 @@ class Gathered:
         """The same with errors of tracking that neighbours share."""
         return replace(self, recordings=tuple(replace(r, correlation=correlation) for r in self.recordings))
 
+    def cut(self, length_s: float, fps: float) -> "Gathered":
+        """The same in windows of another length, without those that start where the cloth could not be brought to what was seen."""
+        return self.only(w for w in windows(self.recordings, fps, length_s) if w.start < len(self.states[w.recording].x))
+
     def only(self, windows: Iterable[Window]) -> "Gathered":
         """Some of the windows."""
         return replace(self, windows=tuple(windows))
@@ -47,11 +52,17 @@ def typical_noise(recordings: Sequence[Recording]) -> float:
 
 
 def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Gathered:
-    """States and windows of recordings; windows that start where the cloth could not be brought to what was seen are left out."""
+    """States and short windows of recordings."""
     found = list(run(_states, [(model, r) for r in recordings]))
     yielded, walked = zip(*found, strict=True)
-    cut = windows(yielded, model.subject.fps)
-    return Gathered(yielded, walked, tuple(w for w in cut if w.start < len(walked[w.recording].x)))
+    return Gathered(yielded, walked, ()).cut(SHORT_S, model.subject.fps)
+
+
+def lengths(recordings: Sequence[Recording], fps: float) -> tuple[float, ...]:
+    """Lengths [s] of windows in which causes may be weighed, the longest that leaves `ENOUGH` of them first."""
+    seconds = sum(len(r) - 1 for r in recordings) / fps
+    longest = float(np.clip(seconds / ENOUGH, SHORT_S, LONG_S))
+    return (longest, SHORT_S) if longest > SHORT_S else (SHORT_S,)
 
 
 def _states(job: tuple[Model, Recording]) -> tuple[Recording, States]:
@@ -88,12 +99,13 @@ def _restate(job: tuple[Model, Recording]) -> States:
 
 
 def split(data: Gathered) -> tuple[Gathered, Gathered]:
-    """Training windows, and those to hold out, spread over each recording (none where it is too short): what acts in one place only, a touch or a
+    """Training windows, and those to hold out, spread over each recording (none where too few would teach): what acts in one place only, a touch or a
     turn, would otherwise be all on one side. The first window always teaches, for replays start there."""
     train, held = [], []
     for k in range(len(data.recordings)):
         own = [w for w in data.windows if w.recording == k]
-        kept = _spread(round(HELD * len(own)) if len(own) > FEWEST_WINDOWS else 0, len(own))
+        spare = max(len(data.windows) - FEWEST_WINDOWS - len(held), 0)
+        kept = _spread(min(round(HELD * len(own)), spare), len(own))
         held += [w for i, w in enumerate(own) if i in kept]
         train += [w for i, w in enumerate(own) if i not in kept]
     return data.only(train), data.only(held)

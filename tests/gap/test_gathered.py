@@ -1,0 +1,91 @@
+"""Windows: as long as recordings and cloth allow, and which of them teach."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.start_state import States
+from tasks.cloth.tracking_noise import Correlation
+from tasks.cloth.windows import LONG_S, SHORT_S, Recording
+from tasks.effects.effect import Motion
+from tasks.gap import diagnosis
+from tasks.gap.gathered import ENOUGH, FEWEST_WINDOWS, Gathered, lengths, split
+from tasks.simulator.cloth import NO_COLLIDER
+
+FPS = 30.0
+
+
+def data(*frames: int, length_s: float = SHORT_S) -> Gathered:
+    recordings = tuple(
+        Recording(NO_COLLIDER, Motion(np.zeros((T, 0, 3)), np.zeros((T, 0, 3))), np.zeros((T, 2, 3)), np.full((T, 2), 1e-3)) for T in frames
+    )
+    walked = tuple(States(r.observed, r.observed, "converged") for r in recordings)
+    return Gathered(recordings, walked, ()).cut(length_s, FPS)
+
+
+@pytest.mark.parametrize(
+    ("frames", "longest"),
+    [
+        ((30,), SHORT_S),  # a second: too short for fewer windows than it has
+        ((40, 40), 78 / FPS / ENOUGH),
+        ((200, 200), LONG_S),
+    ],
+)
+def test_windows_are_made_longer_where_enough_are_left(frames, longest) -> None:
+    found = lengths(data(*frames).recordings, FPS)
+    assert found[0] == pytest.approx(longest) and found[-1] == SHORT_S and len(found) == (1 if longest == SHORT_S else 2)
+    assert longest == SHORT_S or len(data(*frames, length_s=found[0]).windows) >= ENOUGH
+
+
+def test_a_recording_is_cut_anew_where_its_states_are_known() -> None:
+    known = data(41)
+    known = replace(known, states=(States(known.states[0].x[:11], known.states[0].v[:11], "stuck"),))
+    assert [w.start for w in known.cut(LONG_S, FPS).windows] == [0, 10]
+
+
+@pytest.mark.parametrize("frames", [(21,), (26,), (31,), (41, 41), (200,)])
+def test_enough_windows_teach_and_the_first_of_each_recording_does(frames) -> None:
+    """Of four windows none is kept, of five one: of two that were kept, three would have been too few to teach."""
+    whole = data(*frames)
+    train, held = split(whole)
+    assert len(train.windows) >= min(FEWEST_WINDOWS, len(whole.windows))
+    assert sorted((*train.windows, *held.windows), key=lambda w: (w.recording, w.start)) == list(whole.windows)
+    assert all(w.start > 0 for w in held.windows)
+    assert len(held.windows) >= min(len(whole.windows) - FEWEST_WINDOWS, 0.25 * len(whole.windows) - 1)
+
+
+class Stop(Exception):
+    """The diagnosis got as far as it is looked at here."""
+
+
+@pytest.mark.parametrize(("misfits", "last"), [((1.5, 1.0), 10), ((9.0, 8.0), 5)])
+def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfits, last) -> None:
+    seen = []
+
+    def screened(model, train, effects, **options):
+        seen.append(max(w.length for w in train.windows))
+        left = np.full(len(train.windows), misfits[len(seen) - 1])
+        return SimpleNamespace(evidence=[None] * len(left), windows=SimpleNamespace(overdispersion=left))
+
+    def stop(*args):
+        raise Stop
+
+    model = SimpleNamespace(subject=SimpleNamespace(fps=FPS))
+    monkeypatch.setattr(diagnosis, "gather", lambda model, recordings, run: data(41, 41))
+    monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, train, run, tell: (model, Correlation(0.0, 0.1)))
+    monkeypatch.setattr(diagnosis, "restated", lambda model, data, run: data)
+    monkeypatch.setattr(diagnosis, "screen", screened)
+    monkeypatch.setattr(diagnosis, "Trials", stop)
+    with pytest.raises(Stop):
+        diagnosis.diagnose(model, data(41, 41).recordings, [])
+    assert seen == ([10] if last == 10 else [10, 5])
+
+
+def test_windows_that_cannot_be_followed_are_shortened_too() -> None:
+    train = data(41, 41, length_s=LONG_S)
+    lost = SimpleNamespace(evidence=[None] * 5, windows=SimpleNamespace(overdispersion=np.ones(5)))
+    assert len(train.windows) == 8
+    assert not diagnosis._predicted(lost, train, lambda text: None)
+    assert diagnosis._predicted(SimpleNamespace(evidence=[None] * 6, windows=lost.windows), train, lambda text: None)
