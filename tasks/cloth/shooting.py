@@ -27,6 +27,7 @@ from tasks.simulator import Fabric
 
 Array = NDArray[np.float64]
 Map = Callable[..., Iterable]
+Start = Mapping[str, float]
 NUISANCES = ("x ", "v ", "a ")  # how names of columns begin that are marginalised: start state and forcing
 
 PARAMETERS = ("log_membrane", "log_bending")
@@ -39,6 +40,8 @@ PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth anothe
 STUCK = "stopped: no shorter step lowers the misfit; another start may end elsewhere"
 DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
 CORRECTED = (1.0, 0.5)  # shares of a start's correction that are tried
+CORRECTIONS = 2  # of a start
+PER_FRAME = 0.5  # of the noise, by which a start's velocity may be off
 SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
 SIGMA_X = (0.1, 0.3, 1.0, 3.0)  # candidates for σ_x, of the noise,
 SIGMA_V = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # for σ_v [m/s],
@@ -63,13 +66,14 @@ class Evidence:
     """A followed window: its prediction and its normal equations.
 
     The prediction keeps the columns of effects and base parameters; where the job gave a prior, what the start state explains has been taken out of
-    them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen).
+    them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen). start: where derivatives were taken (`Job.start`).
     """
 
     prediction: Prediction
     normals: Normals
     residual: Array | None = None
     offsets: Mapping[str, Array] = field(default_factory=dict)
+    start: Start = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class Job:
     """One window to follow; picklable, so that processes and workers can share the work.
 
     columns: derivatives by all effects of the model; forced: and by the forcing. offsets: name -> [L, V, 3] m, what computing the same model otherwise
-    changes (`numerics.py`): further columns.
+    changes (`numerics.py`): further columns. start: coefficients of the start state's modes with which the window is simulated, so that derivatives are taken
+    nearer to what was seen; what is told is told about `states` all the same: x(z) − S z (the iterated Kalman filter's form, Jazwinski 1970, § 8.3).
     """
 
     model: Model
@@ -90,53 +95,82 @@ class Job:
     parameters: tuple[str, ...] = PARAMETERS
     prior: Prior | None = None
     offsets: Mapping[str, Array] = field(default_factory=dict)
+    start: Start = field(default_factory=dict)
+
+    @property
+    def started(self) -> States:
+        """The states, that of the window's start moved by `start`."""
+        if not self.start:
+            return self.states
+        x, v, modes, t = self.states.x.copy(), self.states.v.copy(), state_columns(self.φ), self.window.start
+        for name, z in self.start.items():
+            x[t] += z * modes[name][0]
+            v[t] += z * modes[name][1]
+        return replace(self.states, x=x, v=v)
 
 
 def follow(job: Job) -> Evidence:
-    """Simulate one window and compare it with what was observed."""
+    """Simulate one window and compare it with what was observed; from the state itself where it cannot be followed from `job.start`."""
     found = predict(
-        job.model, job.recording, job.window, job.states, parameters=job.parameters, φ=job.φ, columns=job.columns, forced=job.forced
+        job.model, job.recording, job.window, job.started, parameters=job.parameters, φ=job.φ, columns=job.columns, forced=job.forced
     )
     if not found.complete:
-        return Evidence(found, Normals((), np.zeros((0, 0)), np.zeros(0), np.nan, 0))
+        return follow(replace(job, start={})) if job.start else Evidence(found, Normals((), np.zeros((0, 0)), np.zeros(0), np.nan, 0))
+    for name, z in job.start.items():
+        found.x[1:] -= z * found.columns[name]
     found.columns.update(job.offsets)
     equations = normals(found, job.recording, job.model.subject.cloth)
     residual = job.recording.observed[job.window.frames][1:] - found.x[1:]
     if job.prior is not None:
         residual, found = _without_state_fields(found, equations, residual, job.prior)
     kept = {name: c for name, c in found.columns.items() if name[:2] not in NUISANCES}
-    return Evidence(replace(found, columns=kept), equations, residual, job.offsets)
+    return Evidence(replace(found, columns=kept), equations, residual, job.offsets, job.start)
 
 
 def follow_corrected(job: Job) -> Evidence:
-    """The window simulated again from the start state that its first simulation asks for, freed of the body; `residual` is of that one.
+    """The window simulated again from the start that its derivatives ask for, twice; `residual` is of the last one.
 
-    Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be. Where the second simulation
-    fails or is no nearer, half the correction is tried, and then the first stands, uncorrected. Raises ValueError for a job without a prior.
+    Where no start along them is nearer the first stands, uncorrected.
     """
-    if job.prior is None:
-        raise ValueError("a start is corrected under a prior: Job.prior")
-    first = follow(job)
+    first = found = follow(job)
     if not first.prediction.complete:
         return first
-    observed = job.recording.observed[job.window.frames][1:]
-    residual, (dx, dv), t = observed - first.prediction.x[1:], _start_correction(first.normals, job), job.window.start
+    x = first.prediction.x
+    for _ in range(CORRECTIONS):
+        start, x = nearer_start(job, found, x)
+        if start == job.start:
+            break
+        job = replace(job, start=start)
+        found = follow(job)
+    return replace(first, residual=job.recording.observed[job.window.frames][1:] - x[1:])
+
+
+def likely_start(job: Job) -> Prior:
+    """How far off a start can be: places by the noise, velocities by half of it in a frame, for states are smoothed from places so noisy.
+
+    The prior of the marginal likelihood is wider, by up to 20 times: it has to hold what the model errs by as well. Simulated from where that one
+    leads, cloth goes elsewhere altogether.
+    """
+    noise = float(np.median(job.recording.noise))
+    return Prior(noise, PER_FRAME * noise * job.model.subject.fps)
+
+
+def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
+    """The start state that the derivatives of a followed window ask for, if `likely_start` says how far off it was, and the window simulated from there,
+    [L + 1, V, 3] m.
+
+    Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body. Where the simulation
+    fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then both stay as they are.
+    """
+    observed, names = job.recording.observed[job.window.frames][1:], state_names(found.normals.names)
+    asked = _state_weights(found.normals, names, [], likely_start(job))[:, 0]
+    now = np.array([job.start.get(name, 0.0) for name in names])
     for share in CORRECTED:
-        x, v = job.states.x.copy(), job.states.v.copy()
-        x[t] += share * dx
-        v[t] += share * dv
-        again = predict(job.model, job.recording, job.window, replace(job.states, x=x, v=v))
-        if again.complete and np.nansum((observed - again.x[1:]) ** 2) < np.nansum(residual**2):
-            return replace(first, residual=observed - again.x[1:])
-    return replace(first, residual=residual)
-
-
-def _start_correction(n: Normals, job: Job) -> tuple[Array, Array]:
-    """Posterior mean of the start state's error: of place [V, 3] m and of velocity [V, 3] m/s."""
-    names, modes = state_names(n.names), state_columns(job.φ)
-    weights = _state_weights(n, names, [], job.prior)[:, 0]
-    dx, dv = (sum(w * modes[name][k] for name, w in zip(names, weights, strict=True)) for k in (0, 1))
-    return dx, dv
+        tried = replace(job, start=dict(zip(names, now + share * (asked - now), strict=True)))
+        again = predict(job.model, job.recording, job.window, tried.started)
+        if again.complete and np.nansum((observed - again.x[1:]) ** 2) < np.nansum((observed - x[1:]) ** 2):
+            return tried.start, again.x
+    return job.start, x
 
 
 def _without_state_fields(found: Prediction, n: Normals, residual: Array, prior: Prior) -> tuple[Array, Prediction]:

@@ -49,7 +49,7 @@ def refitted(
     φ = smooth_modes(model.subject.cloth, MODES)
     data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
     todo = jobs(model, data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, offsets=e.offsets) for job, e in zip(todo, screened.evidence, strict=True)]))
+    evidence = tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
         return Refitted(replace(hypothesis, weights=()), model, evidence, None)
     normals = [corrected(without_doubts(without_state(e.normals, screened.prior), effects, screened.doubt)) for e in evidence]

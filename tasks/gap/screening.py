@@ -7,7 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.numerics import EVERY, IN_A_HURRY, corrected, offsets
-from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_correlation, estimated_prior, follow, refit, without_state
+from tasks.cloth.shooting import (
+    BaseFit,
+    Evidence,
+    Job,
+    Map,
+    Prior,
+    Start,
+    estimated_correlation,
+    estimated_prior,
+    follow,
+    nearer_start,
+    refit,
+    without_state,
+)
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
 from tasks.effects.effect import Effect, MeshDoubt
@@ -63,24 +76,26 @@ def screen(
     """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known; fewer ways of computing if quick."""
     φ = smooth_modes(model.subject.cloth, MODES)
     base = refit(jobs(model, data, φ), noise=data.noise, iterations=iterations, run=run, tell=tell)
-    followed = [e.prediction.complete for e in base.evidence]
-    data = data.only(w for w, ok in zip(data.windows, followed, strict=True) if ok)
-    coarse = [e.prediction.x for e in base.evidence if e.prediction.complete]
+    followed = [e for e in base.evidence if e.prediction.complete]
+    data = data.only(e.prediction.window for e in followed)
     tell("the same computed otherwise")
     ways = IN_A_HURRY if quick else EVERY
-    otherwise = list(run(_offsets, [(job, x, ways) for job, x in zip(jobs(base.model, data, φ), coarse, strict=True)]))
+    otherwise = list(run(_otherwise, [(job, e, ways) for job, e in zip(jobs(base.model, data, φ), followed, strict=True)]))
     tell("tangents of all effects")
     suspicious = base.model.joined(effects, {})
     plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, offsets=d) for job, d in zip(plain, otherwise, strict=True)]))
+    evidence = tuple(run(follow, [replace(job, start=z, offsets=d) for job, (z, d) in zip(plain, otherwise, strict=True)]))
     prior = estimated_prior(evidence, data.noise)
     doubt = mesh_doubt(base.model, data, contact_doubt)
     compared = compress(evidence, prior, effects, doubt)
     return Screened(base, evidence, prior, compared, tuple(ranked(compared)), doubt)
 
 
-def _offsets(job: tuple[Job, Array, Sequence[Effect]]) -> dict[str, Array]:
-    return offsets(*job)
+def _otherwise(job: tuple[Job, Evidence, Sequence[Effect]]) -> tuple[Start, dict[str, Array]]:
+    """The start that the base asks for in a window, and what computing otherwise changes from there."""
+    todo, found, ways = job
+    start, x = nearer_start(todo, found, found.prediction.x)
+    return start, offsets(replace(todo, start=start), x, ways)
 
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:
