@@ -109,3 +109,23 @@ def test_its_size_is_measured_on_the_garment_alone(monkeypatch, tmp_path) -> Non
     assert exam_pictures._rms_mm(moved, np.array([0])) == pytest.approx(30.0)
     assert exam_pictures._rms_mm(moved, np.array([], int)) == pytest.approx(30.0 * np.sqrt(3 / 4))
     assert GARMENT == "skirt"
+
+
+@pytest.mark.slow
+def test_a_small_case_goes_from_pictures_to_a_mark(tmp_path) -> None:
+    """Filmed, tracked, diagnosed and measured, at a size at which nothing can be found: twelve frames in four cameras."""
+    folder, small = Folder(tmp_path), replace(STANDARD, cameras=4, frames=12, size=256, spp=4)
+    q = questions(2, 0, size=small)[1]
+    make(folder, q)
+    diagnose(folder, q)
+    told = json.loads((folder.answer(1) / "answer.json").read_text())
+    assert told["answer"] is not None, (folder.answer(1) / "stderr.txt").read_text()
+    row = mark(folder, q)
+    size = json.loads((folder.answer(1) / "size.json").read_text())
+    assert not row["failed"] and row["causes"] == ["body_offset"] and row["multiple"] == size["multiple"]
+    assert 1.0 < size["magnitude_mm"] < 30.0 and 0.0 < size["numerics_mm"] < 30.0 and 0.5 < size["noise_mm"] < 60.0, size
+    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "artifacts").rglob("*.json")}
+    make(folder, q)
+    diagnose(folder, q)
+    assert mark(folder, q) == row  # nothing is done twice
+    assert before == {file: file.stat().st_mtime_ns for file in (tmp_path / "artifacts").rglob("*.json")}
