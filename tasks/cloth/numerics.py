@@ -42,7 +42,7 @@ def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = EVERY) -> dict[str
     found = {}
     for way in ways:
         if way is not CONTACT or len(job.recording.collider.faces):
-            x = predict(otherwise(job.model, way), job.recording, job.window, job.started)
+            x = predict(otherwise(job.model, way), job.recording, job.window, job.states)
             if x.complete:
                 found[way.name] = x.x[1:, : coarse.shape[1]] - coarse[1:]
     return found

@@ -92,10 +92,14 @@ def screen(
 
 
 def _otherwise(job: tuple[Job, Evidence, Sequence[Effect]]) -> tuple[Start, dict[str, Array]]:
-    """The start that the base asks for in a window, and what computing otherwise changes from there."""
+    """The start that the base asks for in a window, and what computing otherwise changes.
+
+    That is simulated from the state itself, where the cloth lies as forces and body let it: a start that was moved along smooth modes is freed of the body by
+    every mesh in its own way, which would be taken for what the mesh does to the motion.
+    """
     todo, found, ways = job
-    start, x = nearer_start(todo, found, found.prediction.x)
-    return start, offsets(replace(todo, start=start), x, ways)
+    x = found.prediction.x
+    return nearer_start(todo, found, x)[0], offsets(todo, x, ways)
 
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:
