@@ -162,6 +162,7 @@ def rival(
 
 def _show(result: dict[str, Any]) -> None:
     from tasks.exam.scorer.beside import columns
+    from tasks.exam.scorer.page import number
 
     _show_figures(result)
     for apart in result["apart"].values():
@@ -170,21 +171,16 @@ def _show(result: dict[str, Any]) -> None:
         beside = columns(result)
         table = Table("metric", *beside, box=None, header_style="bold")
         for f in result["figures"]:
-            table.add_row(f["metric"], *(_number(values.get(f["metric"])) for values in beside.values()))
+            table.add_row(f["metric"], *(number(values.get(f["metric"])) for values in beside.values()))
         OUT.print(table)
 
 
 def _show_figures(result: dict[str, Any]) -> None:
     from tasks.exam.scorer.engine import heading
+    from tasks.exam.scorer.page import number
 
     table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold", title=heading(result), title_justify="left")
     for f in result["figures"]:
         spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
-        table.add_row(f["metric"], _number(f["value"]), spread, str(f["cases"]))
+        table.add_row(f["metric"], number(f["value"]), spread, str(f["cases"]))
     OUT.print(table)
-
-
-def _number(value: float | None) -> str:
-    from tasks.exam.scorer.page import number
-
-    return number(value)

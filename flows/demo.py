@@ -59,7 +59,7 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
     body, tracking = store.open(artifacts["body"], Body), store.open(artifacts["tracking"], Tracking)
     registered = store.open(artifacts["registration"], Registration)
     cloth, appearance = store.open(artifacts["cloth"], Cloth), store.open(artifacts["appearance"], Appearance)
-    of = {name: _vertices_of(tracking, name) for name in cloth.garment_names}
+    of = {name: vertices_of(tracking, name) for name in cloth.garment_names}
     fabrics = {name: dict(np.load(data / TRUTH / DEMO / SEQUENCE / f"{name}.npz", allow_pickle=False)) for name in cloth.garment_names}
     return demo_scores(
         joints=(registered.joints, truth["body"]["joints"]),
@@ -77,7 +77,8 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
     )
 
 
-def _vertices_of(tracking: Tracking, garment: str) -> np.ndarray:
+def vertices_of(tracking: Tracking, garment: str) -> np.ndarray:
+    """Mask [V] of the tracked vertices of a garment."""
     of = np.zeros(tracking.vertices.shape[1], bool)
     of[tracking.faces[tracking.part_of_face == tracking.part_names.index(garment)]] = True
     return of

@@ -21,7 +21,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +28,8 @@ from typing import Any, Literal
 import numpy as np
 
 from flows import exam_engine
-from flows.exam_scoreboard import OWN, SCOREBOARD, result
+from flows.exam_scoreboard import OWN, SCOREBOARD, entered
+from storage_schemas.durable import replace_file
 from tasks.child_process import run_in_children
 from tasks.exam.generator import other_engine
 from tasks.exam.generator.making import Once, make
@@ -91,10 +91,14 @@ class Folder:
         for name, arrays in zip(OPEN_FILES, (*made.recordings, made.blind), strict=True):
             np.savez_compressed(case / name, **arrays)
         np.savez_compressed(sealed / "held-out.npz", **made.held_out)
-        _write_json(sealed / "truth.json", made.truth)
+        write_json(sealed / "truth.json", made.truth)
         if question.withheld is not None:
             (case / "withheld").write_text(question.withheld + "\n")
-        _replace(case / "truth.sha256", seal(sealed) + "\n")
+        self.publish_seal(question.number)
+
+    def publish_seal(self, number: int) -> None:
+        """The SHA-256 of what is sealed, beside what may be read."""
+        replace_file(self.case(number) / "truth.sha256", f"{seal(self.sealed(number))}\n".encode())
 
     def truth(self, number: int) -> Row:
         """The truth of a case. Raises ValueError if it is not the one that was sealed."""
@@ -191,7 +195,7 @@ def _made(folder: Folder, question: Question, once: Once | None, refused: Path) 
         folder.write(question, make(question, once))
     except Unmakeable as error:
         refused.parent.mkdir(parents=True, exist_ok=True)
-        _replace(refused, f"{error}\n")
+        replace_file(refused, f"{error}\n".encode())
         return f"left out: {error}"
     return "made"
 
@@ -248,7 +252,7 @@ def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:
             "pred.npz",
         ]
         began = time.monotonic()
-        text, errors, code = _run([*command, *without, "--json"], Path(place))
+        text, errors, code = run_apart([*command, *without, "--json"], Path(place))
         answer = _parsed(text) if code == 0 else None
         if answer is not None:
             answer["wall_seconds"] = time.monotonic() - began
@@ -256,7 +260,7 @@ def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:
         predicted = Path(place) / "pred.npz"
         if predicted.exists():
             (out / "pred.npz").write_bytes(predicted.read_bytes())
-    _write_json(out / "answer.json", answer)
+    write_json(out / "answer.json", answer)
 
 
 def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
@@ -284,14 +288,10 @@ def sit(
     left_out = [n for n in numbers if n not in made]
     if exam.split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
-    attempt = {"version": began, "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": exam.seed, "count": exam.count}
-    attempt |= {"engine": exam.engine, "left_out": left_out, "cases": [mark(exam.folder, number) for number in made]}
+    attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
+    attempt["cases"] = [mark(exam.folder, number) for number in made]
     attempt["rivals"] = {r.name: [mark(exam.folder, n, r.name) for n in made if answers(r, n)] for r in rivals}
-    if exam.split == "sealed":
-        scoreboard.parent.mkdir(parents=True, exist_ok=True)
-        with scoreboard.open("a") as board:
-            board.write(json.dumps(attempt) + "\n")
-    return result(exam.split, attempt, scoreboard)
+    return entered(exam.split, attempt, scoreboard)
 
 
 def answers(rival: Rival, number: int) -> bool:
@@ -299,9 +299,19 @@ def answers(rival: Rival, number: int) -> bool:
     return not rival.slow or number % THIRD == 0
 
 
-def _run(command: list[str], place: Path) -> tuple[str, str, int]:
-    """stdout, stderr and exit code of a command run in `place`; 5 when it takes too long."""
-    known = {"PATH", "HOME", "LANG", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "NUMBA_CACHE_DIR", "VIRTUAL_ENV"}
+def run_apart(command: list[str], place: Path) -> tuple[str, str, int]:
+    """stdout, stderr and exit code of a command run in `place`, without the user's settings; 5 when it takes too long."""
+    known = {
+        "PATH",
+        "HOME",
+        "PHYSAVATAR_CACHE",
+        "LANG",
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "NUMBA_CACHE_DIR",
+        "VIRTUAL_ENV",
+    }
     environment = {k: v for k, v in os.environ.items() if k in known} | {"PYTHONPATH": str(ROOT)}
     try:
         ended = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False)
@@ -319,11 +329,6 @@ def _parsed(text: str) -> Row | None:
     return answer if isinstance(answer, dict) and answer.get("version") == 1 else None
 
 
-def _write_json(path: Path, value: Any) -> None:
-    _replace(path, json.dumps(value, indent=1, sort_keys=True) + "\n")
-
-
-def _replace(path: Path, text: str) -> None:
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_text(text)
-    aside.replace(path)
+def write_json(path: Path, value: Any) -> None:
+    """The whole file, or none."""
+    replace_file(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())

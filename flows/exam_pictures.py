@@ -15,31 +15,32 @@ whether a cause survives pictures, tracking and registration. They are never poo
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flows.exam import Folder, Split, seal, sealed_seed, version
-from flows.exam_scoreboard import PICTURES, SCOREBOARD, result
+from flows.demo import vertices_of
+from flows.exam import Folder, Split, run_apart, sealed_seed, version, write_json
+from flows.exam_scoreboard import PICTURES, SCOREBOARD, entered
 from storage_schemas.gap import Gap
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
 from tasks.body.anny_body import build_demo_body
 from tasks.body.model import BodyModel
-from tasks.capture.demo.dressing import Fitting, Unmodelled, wear
-from tasks.capture.demo.garments import locate
-from tasks.capture.demo.plan import Plan, Request, make_plan
+from tasks.capture.demo.dressing import Unmodelled, wear
+from tasks.capture.demo.garments import Garment, locate
+from tasks.capture.demo.plan import Request, make_plan
 from tasks.capture.demo.recording import STANDARD, make_demo_recording
+from tasks.effects.library import library
 from tasks.exam.generator.strata import admissible
 from tasks.exam.scorer.case import score
+from tasks.exam.scorer.demo import vertex_rmse_mm
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -50,9 +51,6 @@ TILT = (0.05, 0.085)  # [rad]
 OFFSET = (0.008, 0.016)  # [m]
 ENERGY = (0.8, 1.2)  # of the dance
 SEQUENCE, GARMENT = "Sequence1", "skirt"
-UNITS = {"gravity_tilt": "rad", "body_offset": "m"}
-ROOT = Path(__file__).parents[1]
-LIMIT_S = 2 * 3600
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ class Question:
         """The truth."""
         return {
             "question": {"number": self.number, "stratum": "single", "twist": "from images", "withheld": None},
-            "causes": {self.fault: {"strength": float(np.linalg.norm(self.strengths)), "unit": UNITS[self.fault]}},
+            "causes": {self.fault: {"strength": float(np.linalg.norm(self.strengths)), "unit": library()[self.fault].strengths[0].unit}},
             "components": list(self.strengths),
             "admissible": {self.fault: sorted(admissible(self.fault))},
             "local": False,
@@ -114,52 +112,37 @@ def sit(folder: Folder, count: int, seed: int, split: Split, *, scoreboard: Path
         diagnose(folder, q)
     if split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
-    attempt = {"version": began, "date": datetime.now(UTC).isoformat(timespec="seconds"), "seed": seed, "count": count}
-    attempt |= {"engine": PICTURES, "left_out": [], "cases": [mark(folder, q) for q in wanted], "rivals": {}}
-    if split == "sealed":
-        scoreboard.parent.mkdir(parents=True, exist_ok=True)
-        with scoreboard.open("a") as board:
-            board.write(json.dumps(attempt) + "\n")
-    return result(split, attempt, scoreboard)
+    attempt = {"version": began, "seed": seed, "count": count, "engine": PICTURES, "left_out": []}
+    return entered(split, attempt | {"cases": [mark(folder, q) for q in wanted], "rivals": {}}, scoreboard)
 
 
 def make(folder: Folder, q: Question) -> None:
     """The sealed truth, then the recording."""
-    truth, published = folder.sealed(q.number) / "truth.json", folder.case(q.number) / "truth.sha256"
-    if not published.exists():
-        for path in (truth, published):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        truth.write_text(json.dumps(q.as_json(), indent=1) + "\n")
-        published.write_text(seal(truth.parent) + "\n")
+    if not folder.made(q.number):
+        for place in (folder.sealed(q.number), folder.case(q.number)):
+            place.mkdir(parents=True, exist_ok=True)
+        write_json(folder.sealed(q.number) / "truth.json", q.as_json())
+        folder.publish_seal(q.number)
     where = folder.root / "data", folder.root / "pictures.truth"
     make_demo_recording(*where, cache=_cache(), actor=q.actor, sequence=SEQUENCE, request=q.request, unmodelled=q.unmodelled)
 
 
 def diagnose(folder: Folder, q: Question) -> None:
-    """All stages up to `gap`, as `physavatar submit` runs them, in a process of their own; a run that fails answers nothing."""
-    out = folder.answer(q.number) / "answer.json"
-    if out.exists():
+    """All stages up to `gap`, as `physavatar submit` runs them, in a process of their own; a run that fails or takes too long answers nothing."""
+    out = folder.answer(q.number)
+    if (out / "answer.json").exists():
         return
-    out.parent.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     root = folder.root.resolve()
     places = ["--store", str(root / "artifacts"), "--set", f"data={root / 'data'}"]
-    command = [sys.executable, "-m", "flows", "submit", q.actor, "--until", "gap", *places, "--json"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    ended = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    (out.parent / "stderr.txt").write_text(ended.stderr)
-    found = {}
-    if ended.returncode == 0:
-        found = json.loads(ended.stdout)
-    answer = {"artifacts": found.get("artifacts"), "answer": _verdict(folder, found) if found else None}
-    aside = out.with_suffix(f".{os.getpid()}")
-    aside.write_text(json.dumps(answer, indent=1) + "\n")
-    aside.replace(out)
-
-
-def _verdict(folder: Folder, run: Row) -> Row:
-    """What `gap` answered; its seconds are those of the stage."""
-    verdict = _store(folder).open(ArtifactRef.model_validate(run["artifacts"]["gap"]), Gap).verdict
-    return {**verdict, "seconds": run["stages"]["gap"]["seconds"]}
+    text, errors, code = run_apart([sys.executable, "-m", "flows", "submit", q.actor, "--until", "gap", *places, "--json"], root)
+    (out / "stderr.txt").write_text(errors)
+    told = {"artifacts": None, "answer": None}
+    if code == 0:
+        run = json.loads(text)
+        verdict = _store(folder).open(ArtifactRef.model_validate(run["artifacts"]["gap"]), Gap).verdict
+        told = {"artifacts": run["artifacts"], "answer": {**verdict, "seconds": run["stages"]["gap"]["seconds"]}}
+    write_json(out / "answer.json", told)
 
 
 def mark(folder: Folder, q: Question) -> Row:
@@ -167,29 +150,22 @@ def mark(folder: Folder, q: Question) -> Row:
     truth, told = folder.truth(q.number), json.loads((folder.answer(q.number) / "answer.json").read_text())
     size = folder.answer(q.number) / "size.json"
     if not size.exists():
-        size.write_text(json.dumps(_size(folder, q, told)) + "\n")
+        write_json(size, _size(folder, q, told))
     return score(truth | json.loads(size.read_text()), told["answer"])
 
 
 def _size(folder: Folder, q: Question, told: Row) -> Row:
     """magnitude_mm: how far the fault moves the garment; numerics_mm: how far the scan's mesh takes it in its own run; noise_mm: of tracking; multiple."""
-    body = BodyModel.load(build_demo_body(_cache()))
-    plan, plain = make_plan(q.request, body, q.unmodelled), make_plan(q.request, body, {})
-    fitting = plain.fittings[GARMENT]
+    plan = make_plan(q.request, BodyModel.load(build_demo_body(_cache())), {})
+    fitting, coarse = plan.fittings[GARMENT], plan.scanned[GARMENT]
     truth = folder.root / "pictures.truth" / q.actor / SEQUENCE
     fine = wear(fitting)
-    moved = _rms_mm(_arrays(truth / f"{GARMENT}.npz")["vertices"] - fine, fitting.garment.boundary)
-    numerics = _numerics_mm(plan, fitting, fine)
-    noise = _noise_mm(folder, told, _arrays(truth / "template.npz")["vertices"])
+    moved = vertex_rmse_mm(_vertices(truth / f"{GARMENT}.npz"), fine, of=_free(fitting.garment))
+    on_coarse = locate(coarse, fitting.garment).of(fine)
+    run = wear(replace(fitting, garment=coarse, boundary_motion=on_coarse[:, coarse.boundary]))
+    numerics = vertex_rmse_mm(run, on_coarse, of=_free(coarse))
+    noise = _noise_mm(folder, told, _vertices(truth / "template.npz"))
     return {"magnitude_mm": moved, "numerics_mm": numerics, "noise_mm": noise, "multiple": moved / float(np.hypot(numerics, noise))}
-
-
-def _numerics_mm(plan: Plan, fitting: Fitting, fine: Array) -> float:
-    coarse = plan.scanned[GARMENT]
-    place = locate(coarse, fitting.garment)
-    held = place.of(fine)[:, coarse.boundary]
-    run = wear(replace(fitting, garment=coarse, boundary_motion=held))
-    return _rms_mm(run - place.of(fine), coarse.boundary)
 
 
 def _noise_mm(folder: Folder, told: Row, truth: Array) -> float:
@@ -197,18 +173,16 @@ def _noise_mm(folder: Folder, told: Row, truth: Array) -> float:
     if told["artifacts"] is None:
         return 0.0
     tracking = _store(folder).open(ArtifactRef.model_validate(told["artifacts"]["tracking"]), Tracking)
-    own = np.unique(tracking.faces[tracking.part_of_face == tracking.part_names.index(GARMENT)])
-    return float(1e3 * np.sqrt(np.mean(np.sum((tracking.vertices[:, own] - truth[:, own]) ** 2, -1))))
+    return vertex_rmse_mm(tracking.vertices, truth, of=vertices_of(tracking, GARMENT))
 
 
-def _rms_mm(displacement: Array, driven: NDArray[np.int32]) -> float:
-    """Of the vertices that are not driven; displacement [T, V, 3] m."""
-    free = np.setdiff1d(np.arange(displacement.shape[1]), driven)
-    return float(1e3 * np.sqrt(np.mean(np.sum(displacement[:, free] ** 2, -1))))
+def _free(garment: Garment) -> NDArray[np.bool_]:
+    """Vertices [V] that are not driven: those that are lie alike in every run."""
+    return ~np.isin(np.arange(len(garment.vertices)), garment.boundary)
 
 
-def _arrays(path: Path) -> dict[str, Array]:
-    return dict(np.load(path, allow_pickle=False))
+def _vertices(path: Path) -> Array:
+    return np.load(path, allow_pickle=False)["vertices"]
 
 
 def _store(folder: Folder) -> Store:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,16 @@ def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int,
         for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
             first.setdefault((attempt["seed"], row["number"]), row)
     return first
+
+
+def entered(split: str, attempt: Row, scoreboard: Path) -> Row:
+    """The figures of an attempt (version, seed, count, engine, left_out, cases, rivals), dated; a sealed one is added to the scoreboard first."""
+    attempt = {"date": datetime.now(UTC).isoformat(timespec="seconds"), **attempt}
+    if split == "sealed":
+        scoreboard.parent.mkdir(parents=True, exist_ok=True)
+        with scoreboard.open("a") as board:
+            board.write(json.dumps(attempt) + "\n")
+    return result(split, attempt, scoreboard)
 
 
 def result(split: str, attempt: Row, scoreboard: Path) -> Row:

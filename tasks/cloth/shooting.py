@@ -40,7 +40,6 @@ PROMISE = 5e-4  # least decrease of the loss per coordinate that is worth anothe
 STUCK = "stopped: no shorter step lowers the misfit; another start may end elsewhere"
 DAMPING = (1e-3, 0.5, 4.0)  # Levenberg's, relative to the diagonal; the next one after a step that failed
 CORRECTED = (1.0, 0.5)  # shares of a start's correction that are tried
-CORRECTIONS = 2  # of a start
 PER_FRAME = 0.5  # of the noise, by which a start's velocity may be off
 SCALE = 0.5  # least s_w: misfits far below the stated noise say that the noise is overstated, not that the window is right
 SIGMA_X = (0.1, 0.3, 1.0, 3.0)  # candidates for σ_x, of the noise,
@@ -132,16 +131,13 @@ def follow_corrected(job: Job) -> Evidence:
 
     Where no start along them is nearer the first stands, uncorrected.
     """
-    first = found = follow(job)
+    first = follow(job)
     if not first.prediction.complete:
         return first
-    x = first.prediction.x
-    for _ in range(CORRECTIONS):
-        start, x = nearer_start(job, found, x)
-        if start == job.start:
-            break
-        job = replace(job, start=start)
-        found = follow(job)
+    start, x = nearer_start(job, first, first.prediction.x)
+    if start:
+        nearer = replace(job, start=start)
+        _, x = nearer_start(nearer, follow(nearer), x)
     return replace(first, residual=job.recording.observed[job.window.frames][1:] - x[1:])
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from flows import exam_pictures
 from flows.exam import Folder, version
-from flows.exam_pictures import FAULTS, GARMENT, diagnose, make, mark, questions, sit
+from flows.exam_pictures import FAULTS, diagnose, make, mark, questions, sit
 from flows.exam_scoreboard import PICTURES
 from tasks.capture.demo.recording import STANDARD
 from tasks.effects.library import library
@@ -51,6 +51,7 @@ def test_faults_are_plausible_and_every_case_is_another() -> None:
         assert len(q.strengths) == len(allowed)
         assert all(s.low <= θ <= s.high for θ, s in zip(q.strengths, allowed, strict=True))
         assert np.linalg.norm(q.strengths) >= allowed[0].typical, "too small to be asked for"
+        assert q.as_json()["causes"][q.fault]["unit"] == {"gravity_tilt": "rad", "body_offset": "m"}[q.fault]
         assert replace(q.request, seed=STANDARD.seed, energy=STANDARD.energy) == STANDARD
 
 
@@ -86,6 +87,13 @@ def test_a_run_that_fails_answers_nothing(tmp_path, monkeypatch) -> None:
     assert row["failed"] and row["kind"] == "failed" and row["probability_of_truth"] == 0
 
 
+def test_a_run_that_takes_too_long_answers_nothing(tmp_path, monkeypatch) -> None:
+    folder, (q, *_) = Folder(tmp_path), questions(1, 0)
+    monkeypatch.setattr(exam_pictures, "run_apart", lambda command, place: ("", "no answer within 7200 s", 5))
+    diagnose(folder, q)
+    assert json.loads((folder.answer(0) / "answer.json").read_text())["answer"] is None
+
+
 def test_they_are_marked_and_stand_apart(answered, tmp_path) -> None:
     """Both body cases are right by the class, both tilts are missed; the scoreboard says that they are pictures."""
     board = tmp_path / "board.jsonl"
@@ -99,16 +107,6 @@ def test_they_are_marked_and_stand_apart(answered, tmp_path) -> None:
     assert "cases from images: 4" in page(found)
     again = sit(answered, 4, 0, "sealed", scoreboard=board)
     assert again == found  # what was answered once counts once
-
-
-def test_its_size_is_measured_on_the_garment_alone(monkeypatch, tmp_path) -> None:
-    """Driven vertices, which every run has alike, do not thin out the displacement."""
-    moved = np.zeros((3, 4, 3))
-    moved[:, :, 0] = 0.03
-    moved[:, 0] = 0.0
-    assert exam_pictures._rms_mm(moved, np.array([0])) == pytest.approx(30.0)
-    assert exam_pictures._rms_mm(moved, np.array([], int)) == pytest.approx(30.0 * np.sqrt(3 / 4))
-    assert GARMENT == "skirt"
 
 
 @pytest.mark.slow

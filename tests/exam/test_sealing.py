@@ -98,7 +98,7 @@ def test_the_sealed_seed_follows_the_examined_code(tmp_path):
 
 
 def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, monkeypatch):
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "it broke", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "it broke", 1))
     exam.diagnose(folder, 7)
     row = exam.mark(folder, 7)
     assert row["failed"] and row["credit"] == 0
@@ -113,7 +113,7 @@ def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatc
         assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
         return "{}", "", 0
 
-    monkeypatch.setattr(exam, "_run", run)
+    monkeypatch.setattr(exam, "run_apart", run)
     exam.diagnose(folder, 7)
     exam.diagnose(folder, 7)
     assert len(calls) == 1
@@ -135,7 +135,7 @@ def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
 
 
 def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     board = tmp_path / "board.jsonl"
     sitting = exam.Exam(folder, 1, 0, "sealed")
@@ -155,7 +155,7 @@ def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp
         calls.append(command[3:6])
         return "", "", 1
 
-    monkeypatch.setattr(exam, "_run", run)
+    monkeypatch.setattr(exam, "run_apart", run)
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     guess = Rival("guess", "guesses", "nobody", lambda case: None)
     board = tmp_path / "board.jsonl"
@@ -176,7 +176,7 @@ def test_slow_rivals_answer_a_third():
 
 
 def test_attempts_from_before_there_were_rivals_are_still_read(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     board, sitting = tmp_path / "board.jsonl", exam.Exam(folder, 1, 0, "sealed")
     exam.sit(sitting, scoreboard=board)
@@ -200,7 +200,7 @@ def test_a_rival_runs_under_the_hook(tmp_path):
 
 
 def test_a_longer_exam_counts_the_cases_of_a_shorter_one_once(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     board = tmp_path / "board.jsonl"
     exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
@@ -210,7 +210,7 @@ def test_a_longer_exam_counts_the_cases_of_a_shorter_one_once(folder, tmp_path, 
 
 def test_code_that_changes_during_a_sealed_exam_is_refused(folder, tmp_path, monkeypatch):
     changing = iter("abcdef")
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     monkeypatch.setattr(exam, "version", lambda: next(changing))
     board = tmp_path / "board.jsonl"
@@ -246,7 +246,7 @@ def test_tasks_in_processes_of_their_own_answer_as_in_turn_and_leave_out_what_is
 
 
 def test_other_engines_stand_apart_on_the_scoreboard(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(exam, "_run", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     board = tmp_path / "board.jsonl"
     theirs = exam.sit(exam.Exam(folder, 1, 1, "sealed", "mujoco"), scoreboard=board)

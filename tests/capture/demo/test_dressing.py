@@ -52,9 +52,11 @@ def test_what_the_base_model_lacks_moves_the_garment(flag, monkeypatch) -> None:
     plain, still = wear(hanging)[-1], wear(replace(hanging, unmodelled={"gravity_tilt": (0.0, 0.0)}))[-1]
     assert_allclose(still, plain, atol=1e-12)
     lowest = np.argmin(hanging.garment.vertices[:, 1])
-    for strengths, axis, sign in (((0.08, 0.0), 2, -1), ((0.0, 0.08), 0, 1)):
-        moved = wear(replace(hanging, unmodelled={"gravity_tilt": strengths}))[-1][lowest] - plain[lowest]
-        assert sign * moved[axis] > 2e-4 and abs(moved[axis]) == np.abs(moved).max()
+    for strengths, axis, sign in (((0.04, 0.0), 2, -1), ((0.0, 0.04), 0, 1)):
+        once, twice = (wear(replace(hanging, unmodelled={"gravity_tilt": tuple(k * θ for θ in strengths)}))[-1][lowest] for k in (1, 2))
+        moved, further = once - plain[lowest], twice - plain[lowest]
+        assert sign * moved[axis] > 0 and abs(moved[axis]) == np.abs(moved).max()
+        assert further[axis] == pytest.approx(2 * moved[axis], rel=0.1)
 
 
 def test_the_demo_moves_in_air_unless_told_otherwise(plan, body_model) -> None:
