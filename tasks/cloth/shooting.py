@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import state_columns
-from tasks.cloth.tracking_noise import CANDIDATES, Correlation
+from tasks.cloth.tracking_noise import IN_ONE_FRAME, Correlation
 from tasks.cloth.windows import Normals, Prediction, Recording, Window, columns_of, marginalised, normals, predict
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
@@ -118,7 +118,7 @@ def follow(job: Job) -> Evidence:
     for name, z in job.start.items():
         found.x[1:] -= z * found.columns[name]
     found.columns.update(job.offsets)
-    equations = normals(found, job.recording, job.model.subject.cloth)
+    equations = normals(found, job.recording, job.model.subject)
     residual = job.recording.observed[job.window.frames][1:] - found.x[1:]
     if job.prior is not None:
         residual, found = _without_state_fields(found, equations, residual, job.prior)
@@ -232,22 +232,27 @@ def minus_log_likelihood(normals: Sequence[Normals], prior: Prior) -> float:
 
 
 def estimated_correlation(jobs: Sequence[Job], prior: Prior, noise: float, run: Map = map) -> Correlation:
-    """The correlation of the tracker's errors of highest marginal likelihood, over a few windows; σ_x and σ_a, which would take errors shared by
-    neighbours for motion, are chosen along with it."""
-    each = [losses for losses in run(_losses, [(job, prior, noise) for job in jobs]) if losses is not None]
-    return CANDIDATES[int(np.argmin(np.sum(each, 0).min(1)))] if each else CANDIDATES[0]
+    """The correlation of the tracker's errors of highest marginal likelihood, over a few windows: what neighbours share, then how long it lasts. σ_x and
+    σ_a, which would take shared errors for motion, are chosen along with it."""
+    in_one = _likeliest(IN_ONE_FRAME, jobs, prior, noise, run)
+    return _likeliest(in_one.lasting(), jobs, prior, noise, run) if in_one.share else in_one
 
 
-def _losses(job: tuple[Job, Prior, float]) -> Array | None:
+def _likeliest(candidates: Sequence[Correlation], jobs: Sequence[Job], prior: Prior, noise: float, run: Map) -> Correlation:
+    each = [losses for losses in run(_losses, [(job, prior, noise, candidates) for job in jobs]) if losses is not None]
+    return candidates[int(np.argmin(np.sum(each, 0).min(1)))] if each else candidates[0]
+
+
+def _losses(job: tuple[Job, Prior, float, Sequence[Correlation]]) -> Array | None:
     """−2 log likelihood of a window [candidate, σ_x and σ_a]."""
-    todo, prior, noise = job
+    todo, prior, noise, candidates = job
     found = predict(todo.model, todo.recording, todo.window, todo.states, parameters=(), φ=todo.φ, forced=True)
     if not found.complete:
         return None
-    cloth = todo.model.subject.cloth
-    each = [normals(found, replace(todo.recording, correlation=c), cloth) for c in CANDIDATES]
-    priors = [replace(prior, x=s * noise, a=a) for s, a in product(SIGMA_X, SIGMA_A[::2])]
-    return np.array([[minus_log_likelihood([n], p) for p in priors] for n in each])
+    each = [normals(found, replace(todo.recording, correlation=c), todo.model.subject) for c in candidates]
+    freed = [[without_state(n, replace(prior, x=s * noise)) for s in SIGMA_X] for n in each]
+    pushed = [[without_forcing(n, a) for n, a in product(of, SIGMA_A[::2])] for of in freed]
+    return np.array([[n.c + n.logdet for n in of] for of in pushed])
 
 
 @dataclass(frozen=True)
@@ -305,10 +310,11 @@ def refit(
 def stretch_of(A: Array, g: Array, after: Array, step: Array) -> float:
     """By how much the next Gauss–Newton step is too short: curvature JᵀJ that was promised along a step [P] over what the gradients g, after [P] met.
 
-    Where the start states are wrong in ways that no mode holds, their part of J adds to JᵀJ but leads nowhere, and steps creep.
+    Where the start states are wrong in ways that no mode holds, their part of J adds to JᵀJ but leads nowhere, and steps creep; so they do where the slope
+    grows on the way, as that of ln κ_b does in cloth taken far too soft.
     """
     met = float(step @ (g - after))
-    return float(np.clip(step @ A @ step / met, 1.0, LONGEST)) if met > 0 else 1.0
+    return float(np.clip(step @ A @ step / met, 1.0, LONGEST)) if met > 0 else LONGEST
 
 
 def weighed(evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:

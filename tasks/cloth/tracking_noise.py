@@ -1,14 +1,17 @@
-"""Errors of a tracker: a part of its own for every vertex, and a part that neighbours share.
+"""Errors of a tracker: a part of its own for every vertex and frame, and a part that neighbours share and that wanders from frame to frame.
 
-    cov(ε_i, ε_j) = σ_i σ_j ((1 − ρ) δ_ij + ρ K(|X_i − X_j|)),    K(d) = (1 + √3 d/ℓ) exp(−√3 d/ℓ)
+    cov(ε_it, ε_js) = σ_it σ_js ((1 − ρ) δ_ij δ_ts + ρ K(|X_i − X_j|) e^(−|t − s|/τ)),    K(d) = (1 + √3 d/ℓ) exp(−√3 d/ℓ)
 
-per frame and coordinate, X at rest. Taken for white, errors shared by neighbours look like wrinkles that the cloth never had, and a thousand
-vertices that err together like a thousand witnesses. ρ and ℓ are those of highest marginal likelihood among `CANDIDATES` (`shooting.py`).
+per coordinate, X at rest. Taken for white, errors shared by neighbours look like wrinkles that the cloth never had, those that last like forces that
+push it, and a thousand vertices that err together like a thousand witnesses. ρ, ℓ and τ are those of highest marginal likelihood (`shooting.py`).
 
-Source: nugget and Matérn 3/2, as in geostatistics (Stein 1999). Limits: errors of different frames count as independent.
+The shared part is an autoregression, so that its Kalman filter whitens: what is left of a frame once those before have foretold its errors is independent
+of them, however many vertices were not seen.
+
+Source: nugget and Matérn 3/2, as in geostatistics (Stein 1999); innovations (Kailath 1968). Limits: one τ for all places.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -21,37 +24,54 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Correlation:
-    """share ρ of the variance that neighbours within about `length` ℓ [m] have in common."""
+    """share ρ of the variance that neighbours within about `length` ℓ [m] have in common, and that a `memory` τ [s] later is e times less."""
 
     share: float
     length: float
+    memory: float = 0.0
 
-    def between(self, rest: Array) -> Array:
-        """Correlations [V, V] of vertices that are at `rest` [V, 3] m."""
+    def shared(self, rest: Array) -> Array:
+        """What errors of one frame have in common [V, V], of their variance, of vertices that are at `rest` [V, 3] m."""
         d = np.sqrt(3) * cdist(rest, rest) / self.length
-        return self.share * (1 + d) * np.exp(-d) + (1 - self.share) * np.eye(len(rest))
+        return self.share * (1 + d) * np.exp(-d)
 
-    def sample(self, rest: Array, σ: Array, rng: np.random.Generator) -> Array:
+    def kept(self, fps: float) -> float:
+        """What a frame remembers of the shared part of the one before."""
+        return float(np.exp(-1 / (fps * self.memory))) if self.memory else 0.0
+
+    def sample(self, rest: Array, σ: Array, fps: float, rng: np.random.Generator) -> Array:
         """Errors [T, V, 3] m of standard deviations σ [T, V] m."""
-        white = rng.standard_normal((*σ.shape, 3))
-        return σ[..., None] * (np.linalg.cholesky(self.between(rest)) @ white if self.share else white)
+        own, new = rng.standard_normal((2, *σ.shape, 3))
+        k = self.kept(fps)
+        root = np.linalg.cholesky(self.shared(rest) + 1e-9 * np.eye(len(rest)))
+        slow = root @ new
+        for t in range(1, len(slow)):
+            slow[t] = k * slow[t - 1] + np.sqrt(1 - k**2) * slow[t]
+        return σ[..., None] * (slow + np.sqrt(1 - self.share) * own)
+
+    def lasting(self) -> "tuple[Correlation, ...]":
+        """The same with each of `MEMORIES`."""
+        return tuple(replace(self, memory=τ) for τ in MEMORIES)
 
 
 INDEPENDENT = Correlation(0.0, 1.0)
-CANDIDATES = (INDEPENDENT, *(Correlation(ρ, ℓ) for ρ, ℓ in product((0.25, 0.5, 0.8), (0.03, 0.06, 0.12))))
+IN_ONE_FRAME = (INDEPENDENT, *(Correlation(ρ, ℓ) for ρ, ℓ in product((0.25, 0.5, 0.8), (0.03, 0.06, 0.12))))  # candidates
+MEMORIES = (0.0, 0.05, 0.15, 0.5)  # candidates [s]
 
 
-def whitened(fields: Array, seen: NDArray[np.bool_], σ: Array, rest: Array, correlation: Correlation) -> tuple[Array, float]:
+def whitened(fields: Array, seen: NDArray[np.bool_], σ: Array, rest: Array, correlation: Correlation, fps: float) -> tuple[Array, float]:
     """R^(−1/2) of fields [K, L, V, 3] m at the vertices seen [L, V], σ [L, V] m, as [N, K]; and log|R|."""
-    parts, logdet, roots = [], 0.0, {}
+    parts, logdet, K = [], 0.0, len(fields)
+    now = shared = correlation.shared(rest)  # covariance of the shared part as the frames before foretell it
+    foretold, k = np.zeros((len(rest), 3 * K)), correlation.kept(fps)
     for field, on, s in zip(fields.transpose(1, 2, 3, 0), seen, σ, strict=True):  # [V, 3, K] of each frame
-        scaled = field[on] / s[on, None, None]
+        scaled = (field[on] / s[on, None, None]).reshape(-1, 3 * K)
         logdet += 6 * float(np.log(s[on]).sum())
-        if correlation.share:
-            key = on.tobytes()
-            if key not in roots:
-                roots[key] = np.linalg.cholesky(correlation.between(rest[on]))
-            logdet += 6 * float(np.log(np.diag(roots[key])).sum())
-            scaled = solve_triangular(roots[key], scaled.reshape(len(scaled), -1), lower=True).reshape(scaled.shape)
-        parts.append(scaled.reshape(-1, fields.shape[0]))
+        root = np.linalg.cholesky(now[np.ix_(on, on)] + (1 - correlation.share) * np.eye(on.sum()))
+        logdet += 6 * float(np.log(np.diag(root)).sum())
+        left = solve_triangular(root, scaled - foretold[on], lower=True)
+        parts.append(left.reshape(-1, K))
+        if k:
+            gain = solve_triangular(root, now[on], lower=True)
+            foretold, now = k * (foretold + gain.T @ left), k**2 * (now - gain.T @ gain) + (1 - k**2) * shared
     return np.concatenate(parts), logdet

@@ -25,9 +25,9 @@ from tasks.cloth.forcing import Forcing
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import state_columns
 from tasks.cloth.tracking_noise import INDEPENDENT, Correlation, whitened
-from tasks.effects.effect import Motion
+from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
-from tasks.simulator.cloth import Cloth, Collider
+from tasks.simulator.cloth import Collider
 from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ LONG_S = 0.33  # [s] what a force does grows with the square of time: where clot
 @dataclass(frozen=True)
 class Recording:
     """What was recorded: the collider and the motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one
-    coordinate and how neighbours share it. Recordings of one garment may have colliders of their own."""
+    coordinate and how neighbours and frames share it. Recordings of one garment may have colliders of their own."""
 
     collider: Collider
     motion: Motion
@@ -167,13 +167,13 @@ class Normals:
         return np.array([place[name] for name in names], int)
 
 
-def normals(prediction: Prediction, recording: Recording, cloth: Cloth) -> Normals:
+def normals(prediction: Prediction, recording: Recording, subject: Subject) -> Normals:
     """Of a complete prediction against what was observed of the free vertices."""
     y, σ = (a[prediction.window.frames][1:] for a in (recording.observed, recording.noise))
     seen = np.isfinite(y).all(-1)
-    seen[:, cloth.boundary] = False
+    seen[:, subject.cloth.boundary] = False
     fields = np.stack([y - prediction.x[1:], *prediction.columns.values()])
-    white, logdet = whitened(fields, seen, σ, cloth.x_rest, recording.correlation)
+    white, logdet = whitened(fields, seen, σ, subject.cloth.x_rest, recording.correlation, subject.fps)
     G = white.T @ white
     return Normals(tuple(prediction.columns), G[1:, 1:], G[1:, 0], float(G[0, 0]), len(white), logdet)
 

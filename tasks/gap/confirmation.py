@@ -1,5 +1,6 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause.
+nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already it cannot speak: nothing is named, and what leads keeps its
+probability.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -83,6 +84,9 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None) -> Confirme
         if gap.shrinks:
             return Confirmed(_because(reasons, now.verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
+        if gap.closed_fraction is None and np.isfinite(gap.after_mm):
+            now = Decided(abstained(now.verdict), None, None, ())  # what is at the floor says nothing against it either
+            break
         trials.veto(now.verdict.named.effects)
         now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())
     return Confirmed(_because(reasons, now.verdict), None, test.before, test.before, unchanged(test.gap(test.before)), first.pairs)
@@ -93,7 +97,9 @@ def _because(reasons: Sequence[str], verdict: Verdict) -> Verdict:
 
 
 def _reason(now: Decided, gap: Shrinkage) -> str:
-    seen = "the gap hardly shrinks" if np.isfinite(gap.after_mm) else "it cannot be simulated"
+    seen = "there is nothing to close" if gap.closed_fraction is None else "the gap hardly shrinks"
+    if not np.isfinite(gap.after_mm):
+        seen = "it cannot be simulated"
     return f"{now.verdict.named.name} leads, but on motion kept out of the fit {seen}"
 
 

@@ -79,17 +79,17 @@ def diagnose(
     """
     tell("states")
     data = gather(model, recordings, run)
-    train, held = (data, None) if held_out is not None else split(data)
+    train, _ = _taught(data, held_out is not None)
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
-    first = model
+    first, fps, apart = model, model.subject.fps, held_out is not None
+    train, _ = _taught(data.cut(lengths(recordings, fps)[0], fps), apart)
     model, correlation = roughly_refitted(model, train, run, tell)
     data = restated(model, data.correlated(correlation), run)
-    fps = model.subject.fps
     for length_s in lengths(recordings, fps):
         data = data.cut(length_s, fps)
-        train, held = (data, None) if held_out is not None else split(data)
+        train, held = _taught(data, apart)
         tell(f"{len(train.windows)} windows of {length_s:.2g} s")
         screened = screen(model, train, effects, contact_doubt=contact_doubt, quick=quick, run=run, tell=tell)
         if _predicted(screened, train, tell):
@@ -104,6 +104,11 @@ def diagnose(
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps) if held_out is not None else held
     return _concluded(trials, confirmed(trials, verdict, kept), train)
+
+
+def _taught(data: Gathered, apart: bool) -> tuple[Gathered, Gathered | None]:
+    """Training windows, and those kept out, where no recording is held out `apart`."""
+    return (data, None) if apart else split(data)
 
 
 def _predicted(screened: Screened, train: Gathered, tell: Callable[[str], None]) -> bool:

@@ -32,9 +32,9 @@ from tasks.gap.hypotheses import Fitted, Windows
 Array = NDArray[np.float64]
 
 MODES = 40  # smooth modes of the start state, times three directions, place and velocity
-ITERATIONS, FINAL = 5, 2  # of the base refit, on a few windows and then on all
+ITERATIONS, FINAL = 8, 3  # of the base refit, on a few windows and then on all
 CERTAIN = MeshDoubt(0.0, 0.0, 0.0)
-ROUGH = 4  # windows of the first rounds of the base refit
+ROUGH = 3  # windows of the first rounds of the base refit
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def roughly_refitted(
     φ = smooth_modes(model.subject.cloth, MODES)
     base = refit(jobs(model, few, φ), noise=data.noise, iterations=ITERATIONS, run=run, tell=tell)
     correlation = estimated_correlation(jobs(base.model, few, φ)[::2], base.prior, data.noise, run)
-    tell(f"errors of tracking: {correlation.share:.0%} shared over {1e3 * correlation.length:.0f} mm")
+    tell(f"errors of tracking: {correlation.share:.0%} shared over {1e3 * correlation.length:.0f} mm for {correlation.memory:.2g} s")
     return base.model, correlation
 
 

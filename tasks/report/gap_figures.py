@@ -130,6 +130,8 @@ def timeline(
             _frames(axes, start, {"trained": (mm, TRAINED)}, "#eff4ff", fps)
         for s in rest:
             lines = {"before": (_each_frame_mm(s.before), BEFORE), "after": (_each_frame_mm(s.after), AFTER)}
+            if np.array_equal(s.after, s.before, equal_nan=True):
+                del lines["after"]  # nothing is named
             _frames(axes, s.window.start, lines, "#fff5e6", fps)
         axes.axhline(floor_mm, color=FLOOR, ls="--", lw=1, label="floor")
         axes.set_title(title, fontsize=9)
@@ -208,7 +210,7 @@ def evidence(ranking: Sequence[Candidate]) -> Figure:
     for k, (name, own) in enumerate(rows):
         if own is None:
             words = "zero of the scale" if name == "none" else "no evidence of its own: what the library leaves"
-            axes.text(0.01 * top, k, words, va="center", fontsize=8, color=FLOOR)
+            axes.text(low + 0.01 * (top - low), k, words, va="center", fontsize=8, color=FLOOR)
     axes.barh(range(len(rows)), [own or 0.0 for _, own in rows], height=0.6, color=TRAINED)
     axes.set(yticks=range(len(rows)), yticklabels=[n for n, _ in rows], xlim=(low - 0.02 * top, 1.21 * top), ylim=(len(rows) - 0.4, -0.6))
     axes.set_xlabel("evidence: log Bayes factor against “none”        (right: probability)")

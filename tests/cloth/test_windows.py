@@ -238,7 +238,7 @@ def test_steps_that_creep_are_lengthened_by_the_curvature_that_was_not_there():
     g = np.array([8.0, 0.0])  # the step is Gauss–Newton's own: a quarter of the way to the minimum
     assert stretch_of(A, g, g - true @ step, step) == pytest.approx(4.0)
     assert stretch_of(A, g, g - A @ step, step) == 1.0  # as promised
-    assert stretch_of(A, g, 1.1 * g, step) == 1.0  # curved the other way: a line says nothing
+    assert stretch_of(A, g, 1.1 * g, step) == 4.0  # steeper still: as far as may be
 
 
 def test_a_window_meets_the_collider_of_its_own_recording(panel):

@@ -22,12 +22,12 @@ FLOOR, BASE = 1.0, 10.0  # mm
 def put(monkeypatch):
     """Evidence of each effect on the training windows and mm of each hypothesis on windows kept out -> what is confirmed, and the trials."""
 
-    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT):
+    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE):
         t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))
         t.screened.hypotheses = tuple(
             replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
         )
-        t.screened.evidence, t.screened.base = _simulated(np.random.default_rng(0), BASE), SimpleNamespace(model="none", prior=None)
+        t.screened.evidence, t.screened.base = _simulated(np.random.default_rng(0), base), SimpleNamespace(model="none", prior=None)
         t.alike, t.train = alike, SimpleNamespace(recordings=())
         t.windows = t.screened.evidence
         t.settle(quick=False)
@@ -35,7 +35,7 @@ def put(monkeypatch):
         monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
-        monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, BASE)))
+        monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, base)))
         return confirmed(t, decided(t), kept), t
 
     return run
@@ -81,6 +81,14 @@ def test_of_what_forms_a_class_with_it_the_others_are_asked(put):
     after, trials = put({FRICTION: 20.0, DRAG: 19.0}, {DRAG: 3.0})
     assert {FRICTION} == trials.vetoed and after.verdict.classes == ((DRAG,),)
     assert _of(after.verdict, FRICTION) == pytest.approx(0.01 * _of(after.verdict, "none") / len(EFFECTS), rel=0.02)
+
+
+def test_motion_that_is_at_its_floor_already_says_nothing(put):
+    before, _ = put({FRICTION: 20.0}, {}, kept=None)
+    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.05}, base=1.0)
+    assert after.verdict.kind == "none" and after.named is None and not trials.vetoed
+    assert after.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit there is nothing to close"
+    assert _of(after.verdict, FRICTION) == _of(before.verdict, FRICTION)
 
 
 def _of(verdict, name):

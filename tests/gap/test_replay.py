@@ -9,6 +9,7 @@ import pytest
 from tasks.cloth.start_state import states
 from tasks.cloth.windows import windows
 from tasks.effects.library import library
+from tasks.gap import replay
 from tasks.gap.gathered import Gathered
 from tasks.gap.replay import Replayed, base_replays, of_base, replayed_by, supported
 from tests.cloth.test_windows import FPS, swung
@@ -45,6 +46,19 @@ def test_a_wind_that_the_model_lacks_shows_and_is_gone_once_it_is_added(blown):
     assert without.ratio2 > 10 and with_it.ratio2 < 2.0, (without, with_it)
     assert supported(without, with_it) > 4
     assert with_it.apart == pytest.approx(without.gap, rel=0.3)  # the wind is all that is between the two replays
+
+
+def test_the_yardstick_is_the_farther_of_two_replays(blown, monkeypatch):
+    model, _, data = blown
+    whole = of_base(base_replays(model, data))
+    near = replay._followed
+    monkeypatch.setattr(replay, "_followed", lambda job: None if job[1] else near(job))
+    own = of_base(base_replays(model, data))
+    monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] == 1 else near(job))
+    finer = of_base(base_replays(model, data))
+    assert own.floor != finer.floor and whole.floor == max(own.floor, finer.floor) and whole.gap == own.gap
+    monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] is not None else near(job))
+    assert np.isnan(of_base(base_replays(model, data)).floor)
 
 
 def test_replays_that_cannot_be_finished_say_nothing(blown):
