@@ -84,10 +84,11 @@ def diagnose(
     if doubt:
         return _unanswered(model, recordings, doubt)
     first, fps, apart = model, model.subject.fps, held_out is not None
-    train, _ = _taught(data.cut(lengths(recordings, fps)[0], fps), apart)
-    model, correlation = roughly_refitted(model, train, run, tell)
+    longest_first = lengths(recordings, fps)
+    each = [_taught(data.cut(length_s, fps), apart)[0] for length_s in reversed(longest_first)]
+    model, correlation = roughly_refitted(model, each, run, tell)
     data = restated(model, data.correlated(correlation), run)
-    for length_s in lengths(recordings, fps):
+    for length_s in longest_first:
         data = data.cut(length_s, fps)
         train, held = _taught(data, apart)
         tell(f"{len(train.windows)} windows of {length_s:.2g} s")

@@ -32,7 +32,7 @@ from tasks.gap.hypotheses import Fitted, Windows
 Array = NDArray[np.float64]
 
 MODES = 40  # smooth modes of the start state, times three directions, place and velocity
-ITERATIONS, FINAL = 8, 3  # of the base refit, on a few windows and then on all
+ITERATIONS, FINAL = 6, 3  # of the base refit, on a few windows of each length and then on all
 CERTAIN = MeshDoubt(0.0, 0.0, 0.0)
 ROUGH = 3  # windows of the first rounds of the base refit
 
@@ -51,15 +51,20 @@ class Screened:
 
 
 def roughly_refitted(
-    model: Model, data: Gathered, run: Map = map, tell: Callable[[str], None] = lambda text: None
+    model: Model, each: Sequence[Gathered], run: Map = map, tell: Callable[[str], None] = lambda text: None
 ) -> tuple[Model, Correlation]:
-    """The model after the first rounds of the base refit, on a few of the windows, and how the tracker's errors correlate there."""
-    few = data.only(data.windows[:: max(1, len(data.windows) // ROUGH)])
+    """The model after the first rounds of the base refit, on a few windows of each length, short ones first, and how the tracker's errors correlate there.
+
+    From a fabric far off, long windows lead nowhere; short ones may not tell one fabric from another.
+    """
     φ = smooth_modes(model.subject.cloth, MODES)
-    base = refit(jobs(model, few, φ), noise=data.noise, iterations=ITERATIONS, run=run, tell=tell)
-    correlation = estimated_correlation(jobs(base.model, few, φ)[::2], base.prior, data.noise, run)
+    for data in each:
+        few = data.only(data.windows[:: max(1, len(data.windows) // ROUGH)])
+        base = refit(jobs(model, few, φ), noise=data.noise, iterations=ITERATIONS, run=run, tell=tell)
+        model = base.model
+    correlation = estimated_correlation(jobs(model, few, φ)[::2], base.prior, data.noise, run)
     tell(f"errors of tracking: {correlation.share:.0%} shared over {1e3 * correlation.length:.0f} mm for {correlation.memory:.2g} s")
-    return base.model, correlation
+    return model, correlation
 
 
 def screen(
