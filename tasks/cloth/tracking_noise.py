@@ -61,15 +61,21 @@ MEMORIES = (0.0, 0.05, 0.15, 0.5)  # candidates [s]
 
 def whitened(fields: Array, seen: NDArray[np.bool_], σ: Array, rest: Array, correlation: Correlation, fps: float) -> tuple[Array, float]:
     """R^(−1/2) of fields [K, L, V, 3] m at the vertices seen [L, V], σ [L, V] m, as [N, K]; and log|R|."""
-    parts, logdet, K = [], 0.0, len(fields)
+    K, frames = len(fields), fields.transpose(1, 2, 3, 0)
+    scaled = [(field[on] / s[on, None, None]).reshape(on.sum(), -1) for field, on, s in zip(frames, seen, σ, strict=True)]
+    logdet = 6 * float(np.log(σ[seen]).sum())
+    if not correlation.share:
+        return np.concatenate(scaled).reshape(-1, K), logdet
+    parts, roots = [], {}
     now = shared = correlation.shared(rest)  # covariance of the shared part as the frames before foretell it
     foretold, k = np.zeros((len(rest), 3 * K)), correlation.kept(fps)
-    for field, on, s in zip(fields.transpose(1, 2, 3, 0), seen, σ, strict=True):  # [V, 3, K] of each frame
-        scaled = (field[on] / s[on, None, None]).reshape(-1, 3 * K)
-        logdet += 6 * float(np.log(s[on]).sum())
-        root = np.linalg.cholesky(now[np.ix_(on, on)] + (1 - correlation.share) * np.eye(on.sum()))
+    for field, on in zip(scaled, seen, strict=True):
+        key = on.tobytes()
+        if k or key not in roots:
+            roots[key] = np.linalg.cholesky(now[np.ix_(on, on)] + (1 - correlation.share) * np.eye(on.sum()))
+        root = roots[key]
         logdet += 6 * float(np.log(np.diag(root)).sum())
-        left = solve_triangular(root, scaled - foretold[on], lower=True)
+        left = solve_triangular(root, field - foretold[on], lower=True)
         parts.append(left.reshape(-1, K))
         if k:
             gain = solve_triangular(root, now[on], lower=True)

@@ -79,11 +79,11 @@ def diagnose(
     """
     tell("states")
     data = gather(model, recordings, run)
-    train, _ = _taught(data, held_out is not None)
+    first, fps, apart = model, model.subject.fps, held_out is not None
+    train, _ = _taught(data, apart)
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
-    first, fps, apart = model, model.subject.fps, held_out is not None
     longest_first = lengths(recordings, fps)
     each = [_taught(data.cut(length_s, fps), apart)[0] for length_s in reversed(longest_first)]
     model, correlation = roughly_refitted(model, each, run, tell)

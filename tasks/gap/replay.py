@@ -5,8 +5,7 @@ one another too, so the yardstick are two other replays, one of them on a finer 
 
     ratio² = E/E_0,    E = mean |y − x|²,    E_0 = 3σ² + max mean |x_other − x|²    over vertices and frames
 
-The farther of two, for one alone may have parted little by chance: of a null skirt's seven, each from other errors, the nearest ended 4.9 mm off, the
-farthest 10.6.
+The farther of two, for one alone may have parted little by chance: of six of a null skirt, on either mesh, the nearest ended 4.9 mm off, the farthest 10.6.
 
 About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing, not what: no
 derivative holds that long. As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform over `DISPLACEMENTS`,

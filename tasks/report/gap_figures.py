@@ -129,9 +129,9 @@ def timeline(
         for _, start, mm in trained:
             _frames(axes, start, {"trained": (mm, TRAINED)}, "#eff4ff", fps)
         for s in rest:
-            lines = {"before": (_each_frame_mm(s.before), BEFORE), "after": (_each_frame_mm(s.after), AFTER)}
-            if np.array_equal(s.after, s.before, equal_nan=True):
-                del lines["after"]  # nothing is named
+            lines = {"before": (_each_frame_mm(s.before), BEFORE)}
+            if not np.array_equal(s.after, s.before, equal_nan=True):  # something is named
+                lines["after"] = (_each_frame_mm(s.after), AFTER)
             _frames(axes, s.window.start, lines, "#fff5e6", fps)
         axes.axhline(floor_mm, color=FLOOR, ls="--", lw=1, label="floor")
         axes.set_title(title, fontsize=9)
@@ -160,9 +160,7 @@ def spectra(before: Spectrum, after: Spectrum | None) -> Figure:
     """Offset and bands of the residual within windows."""
     canvas = Figure(figsize=(6, 2.9), layout="constrained")
     axes, k = canvas.add_subplot(), np.arange(len(before.frequency))
-    axes.bar(k - 0.2, before.rms_mm, 0.4, color=BEFORE, label="before")
-    if after is not None:
-        axes.bar(k + 0.2, after.rms_mm, 0.4, color=AFTER, label="after")
+    _side_by_side(axes, before.rms_mm, None if after is None else after.rms_mm)
     axes.step(
         np.r_[k - 0.5, k[-1] + 0.5],
         np.r_[before.noise_mm, before.noise_mm[-1]],
@@ -181,9 +179,7 @@ def split_bars(before: Mapping[str, float], after: Mapping[str, float] | None) -
     """Residual by direction, before and after."""
     canvas = Figure(figsize=(6, 2.6), layout="constrained")
     axes, k = canvas.add_subplot(), np.arange(len(before))
-    axes.bar(k - 0.2, list(before.values()), 0.4, color=BEFORE, label="before")
-    if after is not None:
-        axes.bar(k + 0.2, list(after.values()), 0.4, color=AFTER, label="after")
+    _side_by_side(axes, list(before.values()), None if after is None else list(after.values()))
     axes.set(xticks=k, xticklabels=list(before), ylabel="rms mm")
     _headroom(axes)
     return canvas
@@ -303,6 +299,14 @@ def kept_out(kept: Sequence[Stretch], floor_mm: float) -> Figure:
     axes.legend(fontsize=8, ncols=3, loc="upper right")
     _plain(axes, axis="y")
     return canvas
+
+
+def _side_by_side(axes, before: Sequence[float], after: Sequence[float] | None) -> None:
+    """Bars before and after; where nothing is named, those before alone, over their names."""
+    k = np.arange(len(before))
+    axes.bar(k if after is None else k - 0.2, before, 0.4, color=BEFORE, label="before")
+    if after is not None:
+        axes.bar(k + 0.2, after, 0.4, color=AFTER, label="after")
 
 
 def _headroom(axes) -> None:
