@@ -3,8 +3,9 @@
     D_e = x(computed otherwise in the way e) − x      [L, V, 3] m, at the given vertices
 
 enters as a column of the effect's name whose coefficient is μ ± 1: μ = 1 for what is `FINER` (about twice the vertices, half the step), for that is closer to
-the limit by about as much as it differs; μ = 0 for what is only `OTHER` (other triangles, other laws of stretch, fold and contact), for nobody knows the
-recording's own. Without them a method blames innocent effects on every recording that another simulator, or the world, has made.
+the limit by about as much as it differs; μ = 0 for what is only other (other triangles, other laws of stretch, fold and contact), for nobody knows the
+recording's own. A law enters by its tangent, from the same simulation as every effect's (`LINEAR`); the rest is simulated again (`AGAIN`). Without them a
+method blames innocent effects on every recording that another simulator, or the world, has made.
 
 Source: Roache 1994 (Richardson's estimate of discretisation error); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out).
 Limits: first order; folds that differ in kind are not corrected.
@@ -30,14 +31,13 @@ from tasks.effects.numerics_triangulation import EFFECT as TRIANGULATION
 Array = NDArray[np.float64]
 
 FINER = (MESH, TIME_STEP)
-OTHER = (TRIANGULATION, MATERIAL, BENDING, CONTACT)
-IN_A_HURRY = (*FINER, TRIANGULATION, CONTACT)  # what moves cloth most
-EVERY = (*FINER, *OTHER)
-WAYS = tuple(way.name for way in EVERY)
+AGAIN = (*FINER, TRIANGULATION, CONTACT)
+LINEAR = (MATERIAL, BENDING)
+WAYS = tuple(way.name for way in (*AGAIN, *LINEAR))
 SPREAD = 1.0  # standard deviation of a coefficient
 
 
-def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = EVERY) -> dict[str, Array]:
+def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = AGAIN) -> dict[str, Array]:
     """name -> x(otherwise) − x(coarse) [L, V, 3] m of a window whose own prediction is `coarse` [L + 1, V, 3] m; without those that fail."""
     found = {}
     for way in ways:
@@ -46,6 +46,11 @@ def offsets(job: Job, coarse: Array, ways: Sequence[Effect] = EVERY) -> dict[str
             if x.complete:
                 found[way.name] = x.x[1:, : coarse.shape[1]] - coarse[1:]
     return found
+
+
+def with_tangents(model: Model) -> Model:
+    """The model with the tangents of the ways that have one."""
+    return model.joined(LINEAR, {})
 
 
 def otherwise(model: Model, way: Effect) -> Model:

@@ -6,8 +6,8 @@ Both are the same where cloth is nearly flat; at a fold of 90° the moment of th
 
 Strength: 1 is the other law [1]. Range: 0–1.
 Signature: sharp folds, and tubes that are bent or flattened.
-Confounders: fabric_rest_curvature, fabric_bending_hysteresis; it is computed, never fitted.
-Source: Bridson, Marino, Fedkiw 2003 (the sine); `simulator.hinge_bending`. Limits: computed at one, never fitted; softens beyond 120°.
+Confounders: fabric_rest_curvature, fabric_bending_hysteresis; it is integrated out, never named.
+Source: Bridson, Marino, Fedkiw 2003 (the sine); `simulator.hinge_bending`. Limits: softens beyond 120°.
 """
 
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ class NumericsBending(Effect):
     """The other law of the fold."""
 
     name = "numerics_bending"
-    kind = "rerun"
+    kind = "potential"
     strengths = (Strength("share", "1", 1.0, 0.0, 1.0),)
     keeps = frozenset({"momentum", "gauge"})
 

@@ -92,7 +92,7 @@ def diagnose(
         data = data.cut(length_s, fps)
         train, held = _taught(data, apart)
         tell(f"{len(train.windows)} windows of {length_s:.2g} s")
-        screened = screen(model, train, effects, contact_doubt=contact_doubt, quick=quick, run=run, tell=tell)
+        screened = screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell)
         if _predicted(screened, train, tell):
             break
     if len(screened.evidence) < FEWEST_WINDOWS:

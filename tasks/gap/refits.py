@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tasks.cloth.numerics import corrected
+from tasks.cloth.numerics import corrected, with_tangents
 from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, without_state
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.effect import Effect
@@ -48,7 +48,7 @@ def refitted(
     model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
     φ = smooth_modes(model.subject.cloth, MODES)
     data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
-    todo = jobs(model, data, φ, columns=True, forced=True, prior=base.prior)
+    todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):
         return Refitted(replace(hypothesis, weights=()), model, evidence, None)

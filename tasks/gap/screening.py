@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import EVERY, IN_A_HURRY, corrected, offsets
+from tasks.cloth.numerics import corrected, offsets, with_tangents
 from tasks.cloth.shooting import (
     BaseFit,
     Evidence,
@@ -74,20 +74,18 @@ def screen(
     *,
     contact_doubt: float = 0.0,
     iterations: int = FINAL,
-    quick: bool = False,
     run: Map = map,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Screened:
-    """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known; fewer ways of computing if quick."""
+    """Base refit, numerics, and the tangents of all effects on the training windows; no iterations where the base is known."""
     φ = smooth_modes(model.subject.cloth, MODES)
     base = refit(jobs(model, data, φ), noise=data.noise, iterations=iterations, run=run, tell=tell)
     followed = [e for e in base.evidence if e.prediction.complete]
     data = data.only(e.prediction.window for e in followed)
     tell("the same computed otherwise")
-    ways = IN_A_HURRY if quick else EVERY
-    otherwise = list(run(_otherwise, [(job, e, ways) for job, e in zip(jobs(base.model, data, φ), followed, strict=True)]))
+    otherwise = list(run(_otherwise, list(zip(jobs(base.model, data, φ), followed, strict=True))))
     tell("tangents of all effects")
-    suspicious = base.model.joined(effects, {})
+    suspicious = with_tangents(base.model.joined(effects, {}))
     plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, start=z, offsets=d) for job, (z, d) in zip(plain, otherwise, strict=True)]))
     prior = estimated_prior(evidence, data.noise)
@@ -96,15 +94,15 @@ def screen(
     return Screened(base, evidence, prior, compared, tuple(ranked(compared)), doubt)
 
 
-def _otherwise(job: tuple[Job, Evidence, Sequence[Effect]]) -> tuple[Start, dict[str, Array]]:
+def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
     """The start that the base asks for in a window, and what computing otherwise changes.
 
     That is simulated from the state itself, where the cloth lies as forces and body let it: a start that was moved along smooth modes is freed of the body by
     every mesh in its own way, which would be taken for what the mesh does to the motion.
     """
-    todo, found, ways = job
+    todo, found = job
     x = found.prediction.x
-    return nearer_start(todo, found, x)[0], offsets(todo, x, ways)
+    return nearer_start(todo, found, x)[0], offsets(todo, x)
 
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:

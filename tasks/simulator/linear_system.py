@@ -76,6 +76,9 @@ class LinearSystem:
 
     def assemble(self, terms: Sequence[Blocks | csc_matrix]) -> csc_matrix:
         """Sum of Hessians on the free nodes, lower triangle."""
+        for term in terms:
+            if isinstance(term, Blocks):
+                self._slots(term.stencils)  # the pattern grows where it lacks some, and with it the data
         data = np.zeros(9 * len(self._blocks))
         for term in terms:
             if isinstance(term, Blocks):

@@ -156,11 +156,24 @@ def test_reruns_change_how_and_not_what():
     assert LIBRARY["numerics_time_step"].settings(TIGHT, [1.0]).substeps == 2
     assert LIBRARY["numerics_integrator"].settings(TIGHT, [1.0]).integrator == "backward_euler"
     assert LIBRARY["numerics_integrator"].settings(TIGHT, [0.0]) is TIGHT
-    assert LIBRARY["numerics_material"].settings(TIGHT, [1.0]).membrane == "neo_hookean"
     assert LIBRARY["numerics_contact"].settings(TIGHT, [2.0]).contact_acceleration == 4 * TIGHT.contact_acceleration
     s = struck()[0]
     other = LIBRARY["numerics_triangulation"].subject(s, [1.0]).cloth
     assert np.array_equal(other.x_rest, s.cloth.x_rest) and (other.faces != s.cloth.faces).any(1).mean() > 0.5
+
+
+def test_the_other_form_takes_the_place_of_the_base():
+    """At share one the motion is the neo-Hookean cloth's."""
+    s, motion, x0, v0 = struck()
+
+    def ending(model):
+        return list(model.run(motion, x0, v0))[-1].x
+
+    effect = LIBRARY["numerics_material"]
+    there = ending(Model(s, TIGHT, (effect,), {effect.name: effect.typical}))
+    otherwise = ending(Model(s, replace(TIGHT, membrane="neo_hookean")))
+    moved = np.abs(otherwise - ending(Model(s, TIGHT))).max()
+    assert moved > 1e-5 and np.abs(there - otherwise).max() < 1e-3 * moved
 
 
 @pytest.mark.parametrize("rounds", [1, 2])

@@ -17,7 +17,7 @@ def test_a_start_that_was_moved_has_no_part_in_what_another_mesh_does():
     off = States(x + 1e-3 * φ[0][:, None], v, "converged")
     job = Job(model, recording, Window(0, 4, 4), off, φ)
     found = follow(job)
-    start, changed = _otherwise((job, found, (MESH,)))
+    start, changed = _otherwise((job, found))
     assert start and max(map(abs, start.values())) > 1e-5
     expected = offsets(job, found.prediction.x, (MESH,))
     np.testing.assert_array_equal(changed[MESH.name], expected[MESH.name])

@@ -42,6 +42,14 @@ def test_assembly(case):
     np.testing.assert_allclose(np.tril(system.assemble(terms[:2]).toarray()), np.tril(dense(terms[:2], 6, system.free)), atol=1e-12)
 
 
+def test_a_term_may_bring_stencils_of_its_own(case):
+    """As an effect from a user's folder may."""
+    system, terms = case
+    far = blocks(np.random.default_rng(3), np.array([[0, 3, 5], [5, 4, 2]], np.int32))
+    terms = [*terms[:2], far]
+    np.testing.assert_allclose(np.tril(system.assemble(terms).toarray()), np.tril(dense(terms, 6, system.free)), atol=1e-12)
+
+
 def test_solution(case):
     system, terms = case
     A, b = system.assemble(terms), np.random.default_rng(0).normal(size=(system.size, 2))
