@@ -16,7 +16,7 @@ from tasks.gap.hypotheses import Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.replay import BaseReplay, Replayed, of_base, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
-from tasks.gap.verdict import Twins
+from tasks.gap.verdict import TEMPER, Twins
 
 FAR, FAR_FABRIC = 0.1, 0.25  # change of the leading strength, and of a stiffness' logarithm, by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
@@ -108,13 +108,14 @@ def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], a
     return chosen
 
 
-def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins) -> list[Fitted]:
+def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins, missing: float) -> list[Fitted]:
     """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the strongest.
 
-    Of twins one is enough. At most `most`, of the others at least one.
+    Of twins one is enough. At most `most`, of the others at least one. missing: log Bayes factor that anything is, by replays: where it is negative, more
+    evidence is asked for.
     """
-    strongest = max(h.evidence for h in singles)
-    near = [h for h in singles if h.evidence > max(WORTH, strongest - max(CONTENDER, SHARE * strongest))]
+    strongest, least = max(h.evidence for h in singles), WORTH - min(missing, 0.0) / TEMPER
+    near = [h for h in singles if h.evidence > max(least, strongest - max(CONTENDER, SHARE * strongest))]
     chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
     for h in sorted(near, key=lambda h: -h.evidence):
         if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):

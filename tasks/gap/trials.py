@@ -68,7 +68,8 @@ class Trials:
     def settle(self, *, quick: bool) -> None:
         """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
-        for h in contenders(self.screened.hypotheses, seen, 1 if quick else LEADERS, self.alike):
+        most, missing = 1 if quick else LEADERS, self.replayed.something_missing
+        for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing):
             self.after[h.name] = self.simulate(h)
         afresh: set[str] = set()
         for _ in range(1 if quick else AGAIN):
