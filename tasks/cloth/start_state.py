@@ -17,7 +17,7 @@ answer them with its stiffness. So the difference d of the two polynomials is sp
 P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as smooth as
 φ do little harm: they are marginalised.
 
-Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time;
+What the tracker does to cloth (`Model.observed`) is taken back first. Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time;
 James & Stein 1961 (the share k). Limits: what happens faster than that is missing from velocities; σ is what the tracker states.
 """
 
@@ -61,6 +61,7 @@ class States:
 def states(model: Model, motion: Motion, observed: Array, noise: float) -> States:
     """Walk through observed [T, V, 3] m (NaN where not seen), noise [m] per coordinate, from frame to frame without crossing anything."""
     y, seen = filled(observed, model.subject.cloth.faces)
+    y = model.unobserved(y)
     s = float(np.clip(np.sqrt(LOOSENESS * noise / FORCE), 0.005, 0.02))
     slopes = partial(shrunken, cloth=model.subject.cloth, fps=model.subject.fps, noise=noise)
     target = slopes(y, order=0) - s**2 * slopes(y, order=2)

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
 from tasks.cloth.forcing import Forcing
-from tasks.cloth.start_state import States
+from tasks.cloth.start_state import States, derivative
 from tasks.cloth.state_modes import state_columns
 from tasks.cloth.tracking_noise import INDEPENDENT, Correlation, whitened
 from tasks.effects.effect import Motion, Subject
@@ -32,6 +32,8 @@ from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
 
+AT_START = " at the start"
+CONTEXT = 10  # frames before and after a window that a tracker may have mixed in
 SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond that derivatives do not hold in every cloth
 LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
 
@@ -112,25 +114,54 @@ def predict(
     forced: bool = False,
 ) -> Prediction:
     """Simulate a window. parameters: base parameters, φ [K, V]: modes of the start state and, if `forced`, of the forcing, columns: effects, to differentiate by."""
-    model, modes = recording.scene(model), None
+    model, modes = recording.scene(model), {}
     motion, n = recording.cut(window.frames).motion, model.settings.substeps
     fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
     if φ is not None:
         modes = state_columns(φ)
+    blurred = _starts_as_seen(model, states, window.start) if columns else {}
     if forced:
         forcing = Forcing(φ)
         fine, parameters = fine.joined([forcing], {}), (*parameters, *forcing.columns)
     x0, v0 = states.x[window.start], states.v[window.start]
-    frames = list(fine.run(smooth(motion, n), x0, v0, parameters=parameters, start_modes=modes, columns=columns))
+    frames = list(fine.run(smooth(motion, n), x0, v0, parameters=parameters, start_modes=modes | blurred, columns=columns))
     ending, iterations = frames[-1].ending, sum(f.newton_iterations for f in frames)
     kept = frames[::n]
     x = np.stack([f.x for f in kept])
     if len(kept) < window.length + 1:
         return Prediction(window, x, {}, ending if ending != CONVERGED else "the simulation ended early", iterations)
     tangents = {name: np.stack([f.tangents[name][0] for f in kept]) for name in kept[0].tangents}
-    if columns:
-        tangents = model.observed_tangents(x, tangents)
-    return Prediction(window, model.observed(x), {name: c[1:] for name, c in tangents.items()}, ending, iterations)
+    for name in blurred:
+        column = name.removesuffix(AT_START)
+        tangents[column] = tangents.pop(name) + tangents.get(column, 0.0)
+    x, tangents = _seen(model, states, window, x, tangents, columns=columns)
+    return Prediction(window, x, {name: c[1:] for name, c in tangents.items()}, ending, iterations)
+
+
+def _seen(
+    model: Model, states: States, window: Window, x: Array, tangents: dict[str, Array], *, columns: bool
+) -> tuple[Array, dict[str, Array]]:
+    """What the tracker reports of a window x [L + 1, V, 3] m, and its derivatives; `columns`: also those by what the tracker does. Before and after the cloth is
+    as the states have it (on their mesh), for a tracker that smooths mixes that in."""
+    t, L = window.start, len(x)
+    around = states.x if states.x.shape[1] == x.shape[1] else x[:0]
+    before, after = around[max(0, t - CONTEXT) : t], around[t + L : t + L + CONTEXT]
+    whole, own = np.concatenate([before, x, after]), slice(len(before), len(before) + L)
+    seen = dict(tangents)
+    if model.observes:
+        still = np.zeros_like(whole)
+        for name, dx in tangents.items():
+            still[own] = dx
+            seen[name] = model.observed_direction(whole, still)[own].copy()
+    for name, field in (model.observation_columns(whole) if columns else {}).items():
+        seen[name] = seen.get(name, 0.0) + field[own]
+    return model.observed(whole)[own], seen
+
+
+def _starts_as_seen(model: Model, states: States, t: int) -> dict[str, tuple[Array, Array]]:
+    """Column and `AT_START` -> (∂x, ∂v) [V, 3] of the state at frame t in effects on the observation: what is seen stays, so the cloth is elsewhere."""
+    fields = model.observation_columns(model.observed(states.x))
+    return {column + AT_START: (-D[t], -derivative(D, model.subject.fps, 1)[t]) for column, D in fields.items()}
 
 
 def smooth(motion: Motion, n: int) -> Motion:

@@ -85,11 +85,13 @@ class Model:
             x = effect.observe(self.subject, x, self.strength(effect))
         return x
 
+    def unobserved(self, y: Array) -> Array:
+        """Cloth [T, V, 3] m that the tracker reports as y [T, V, 3] m: y − (observed(y) − y), to first order, for all of it would make noise explode."""
+        return 2 * y - self.observed(y)
+
     def observed_tangents(self, x: Array, tangents: Mapping[str, Array]) -> dict[str, Array]:
         """name -> ∂(observed)/∂θ [T, V, 3] from ∂x/∂θ [T, V, 3] of the cloth as it is, at x [T, V, 3] m; observation effects included."""
-        seen = dict(tangents)
-        if any("observe" in e.acts_through and self.strength(e).any() for e in self.effects):
-            seen = {name: self._observed_direction(x, dx) for name, dx in tangents.items()}
+        seen = {name: self.observed_direction(x, dx) for name, dx in tangents.items()}
         for column, own in self.observation_columns(x).items():
             seen[column] = seen[column] + own if column in seen else own
         return seen
@@ -103,10 +105,16 @@ class Model:
                     found[column] = (plus.observed(x) - minus.observed(x)) / (2 * δ)
         return found
 
-    def _observed_direction(self, x: Array, dx: Array) -> Array:
-        size = np.abs(dx).max()
-        if not size:
-            return np.zeros_like(dx)
+    @property
+    def observes(self) -> bool:
+        """Whether any effect makes the tracker report something else than the cloth as it is."""
+        return any("observe" in e.acts_through and self.strength(e).any() for e in self.effects)
+
+    def observed_direction(self, x: Array, dx: Array) -> Array:
+        """What the tracker reports of a small motion dx [T, V, 3] of cloth at x [T, V, 3] m; any unit."""
+        size = np.abs(dx).max(initial=0.0)
+        if not (size and self.observes):
+            return dx
         δ = 1e-3 / size  # [m] of motion
         return (self.observed(x + δ * dx) - self.observed(x - δ * dx)) / (2 * δ)
 

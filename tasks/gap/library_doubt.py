@@ -1,14 +1,13 @@
 """How much doubt a fit leaves that the library holds the cause.
 
-Odds are the greatest of three:
+Odds are max(g, √(f g))^s, with s = `SHARPNESS`, of what the best hypothesis leaves
 
-    (σ_a²/k²)^s          of the forcing σ_a [m/s²] that the best hypothesis leaves nameless against what is known to be there:
-                         k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²
-    (E/(`ABOVE` E_0))^s  of the gap E [mm²] that it leaves, start states taken out, against the floor E_0 of noise and finer re-run:
-                         forcing is smooth and constant within a window, and what is rough or jumps shows in the gap only
-    (ratio²/`ABOVE_REPLAYED`)^s  of whole recordings replayed (`replay.py`): what acts slowly shows nowhere else
+    g = max(E/(`ABOVE` E_0), ratio²/`ABOVE_REPLAYED`)     to be seen: a gap E [mm²] in windows, start states taken out, against the floor E_0 of noise and finer
+                                                          re-run, or in whole recordings replayed (`replay.py`): what acts slowly shows nowhere else
+    f = σ_a²/k²                                           to be explained by forcing σ_a [m/s²] without a name, against what is known to be there:
+                                                          k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²
 
-with s = `SHARPNESS`. The constants are chosen on open cases (README).
+Forcing alone is no reason for doubt: where contact comes a little early it asks for metres per second squared, and nothing is seen of them. The constants are chosen on open cases (README).
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +39,8 @@ def unexplained(screened: Screened, best: Fitted, simulated: Refitted | None, fl
     if simulated is not None and simulated.windows is not None:
         evidence, origin = simulated.evidence, simulated.windows.origin
     left = gap_left(evidence, best, origin)
-    odds = np.nanmax([forcing, left**2 / (ABOVE * floor_mm**2), replayed / ABOVE_REPLAYED]) ** SHARPNESS
+    seen = np.nanmax([left**2 / (ABOVE * floor_mm**2), replayed / ABOVE_REPLAYED])
+    odds = max(seen, np.sqrt(forcing * seen)) ** SHARPNESS
     return float(odds / (1 + odds))
 
 

@@ -25,6 +25,7 @@ from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Recording, Window, predict, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
+from tasks.effects.observation_smoothing import EFFECT as SMOOTHING
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tests.simulator.scenes import sheet
 
@@ -142,6 +143,37 @@ def test_columns_are_the_derivatives_of_the_prediction(panel):
     sides = [predict(model, recording, window, States(x + s * dx, v + s * dv, "converged")).x for s in (e, -e)]
     slope = (sides[0] - sides[1])[1:] / (2 * e)
     assert np.linalg.norm(found.columns["v 1 y"] - slope) < 1e-3 * np.linalg.norm(slope)
+
+
+def blurred(τ2):
+    """A panel seen through a tracker that smooths: model with the effect at that strength, recording, true places."""
+    model, recording, x, _ = swung(25)
+    effect, θ = SMOOTHING, np.array([τ2])
+    seen, edge = (effect.observe(model.subject, field, θ) for field in (x, recording.motion.boundary))
+    recording = replace(recording, observed=seen, motion=Motion(recording.motion.collider, edge))
+    return model.joined([effect], {effect.name: θ}), recording, x
+
+
+def test_cloth_that_a_slow_tracker_saw_starts_where_it_was():
+    model, recording, x = blurred(2e-3)
+    found, as_seen = (states(m, m.driven(recording.motion), recording.observed, 1e-4) for m in (model, replace(model, effects=())))
+    miss, before = (np.sqrt(np.mean((s.x - x)[2:-2] ** 2)) for s in (found, as_seen))
+    assert miss < 0.3 * before and before > 5e-4
+
+
+def test_the_derivative_by_a_tracker_that_smooths_starts_where_what_was_seen_stays(panel):
+    model, recording, x, v = panel
+    model, name, e = model.joined([SMOOTHING], {}), SMOOTHING.name, 1e-6
+    D = model.observation_columns(x)[name]
+
+    def seen(τ2):
+        own = replace(model, strengths={name: np.array([τ2])})
+        start = States(x - τ2 * D, v - τ2 * derivative(D, FPS, 1), "converged")
+        return predict(own, recording, Window(0, 8, 4), start).x
+
+    column = predict(model, recording, Window(0, 8, 4), States(x, v, "converged"), columns=True).columns[name]
+    slope = (4 * seen(e) - seen(2 * e) - 3 * seen(0.0))[1:] / (2 * e)  # none below zero
+    assert np.linalg.norm(column - slope) < 1e-3 * np.linalg.norm(slope)
 
 
 def test_what_the_start_explains_is_taken_out_of_residual_and_columns(panel):

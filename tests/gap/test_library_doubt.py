@@ -1,5 +1,6 @@
 """The doubt that the library holds the cause: small where a gap is at its floor, large where the best hypothesis leaves one above it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,3 +51,11 @@ def test_a_gap_that_nothing_explains_is_laid_at_no_door_of_the_library(damped):
     assert doubt(w, found, wide, wide / found.strengths["fabric_mass_damping"]) < 0.1
     assert doubt(w, found, 1e-3 * field, 0 * field) < 0.35  # at the floor
     assert doubt(w, found, 1e-3 * field, 0 * field, replayed=16.0) > 0.85
+
+
+def test_forcing_counts_as_far_as_something_is_seen(damped):
+    w, found, field = damped
+    pushed = replace(found, forcing=0.6)  # [m/s²], twice as much in squares as proves nothing
+    floor, above = 1e-3 * field, 2e-3 * field
+    assert doubt(w, found, floor, 0 * field) < doubt(w, pushed, floor, 0 * field) < 0.5
+    assert doubt(w, found, above, 0 * field) < doubt(w, pushed, above, 0 * field) and doubt(w, pushed, above, 0 * field) > 0.7
