@@ -141,8 +141,10 @@ def predict(
 def _seen(
     model: Model, states: States, window: Window, x: Array, tangents: dict[str, Array], *, columns: bool
 ) -> tuple[Array, dict[str, Array]]:
-    """What the tracker reports of a window x [L + 1, V, 3] m, and its derivatives; `columns`: also those by what the tracker does. Before and after the cloth is
-    as the states have it (on their mesh), for a tracker that smooths mixes that in."""
+    """What the tracker reports of a window x [L + 1, V, 3] m, and its derivatives; `columns`: also those by what the tracker does.
+
+    Before and after the window the cloth is as the states have it (on their mesh), for a tracker that smooths mixes that in.
+    """
     t, L = window.start, len(x)
     around = states.x if states.x.shape[1] == x.shape[1] else x[:0]
     before, after = around[max(0, t - CONTEXT) : t], around[t + L : t + L + CONTEXT]

@@ -2,12 +2,13 @@
 
 Odds are max(g, √(f g))^s, with s = `SHARPNESS`, of what the best hypothesis leaves
 
-    g = max(E/(`ABOVE` E_0), ratio²/`ABOVE_REPLAYED`)     to be seen: a gap E [mm²] in windows, start states taken out, against the floor E_0 of noise and finer
-                                                          re-run, or in whole recordings replayed (`replay.py`): what acts slowly shows nowhere else
+    g = max(E/(`ABOVE` E_0), ratio²/`ABOVE_REPLAYED`)     to be seen: a gap E [mm²] in windows, start states taken out, against the floor E_0 of
+                                                          noise and finer re-run, or in whole recordings replayed (`replay.py`)
     f = σ_a²/k²                                           to be explained by forcing σ_a [m/s²] without a name, against what is known to be there:
                                                           k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²
 
-Forcing alone is no reason for doubt: where contact comes a little early it asks for metres per second squared, and nothing is seen of them. The constants are chosen on open cases (README).
+Forcing alone is no reason for doubt: where contact comes a little early it asks for metres per second squared, and nothing is seen of them. What acts slowly
+shows in replays only. The constants are chosen on open cases (README).
 """
 
 from collections.abc import Mapping, Sequence
