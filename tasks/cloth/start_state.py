@@ -17,7 +17,9 @@ answer them with its stiffness. So the difference d of the two polynomials is sp
 P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as smooth as
 φ do little harm: they are marginalised.
 
-What the tracker does to cloth (`Model.observed`) is taken back first. Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time;
+What the tracker does to cloth (`Model.observed`) is taken back first.
+
+Source: the implicit step as a maximum a posteriori estimate (weak-constraint assimilation, Trémolet 2006), one frame at a time;
 James & Stein 1961 (the share k). Limits: what happens faster than that is missing from velocities; σ is what the tracker states.
 """
 
