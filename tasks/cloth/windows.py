@@ -161,9 +161,10 @@ def _seen(
 
 
 def _starts_as_seen(model: Model, states: States, t: int) -> dict[str, tuple[Array, Array]]:
-    """Column and `AT_START` -> (∂x, ∂v) [V, 3] of the state at frame t in effects on the observation: what is seen stays, so the cloth is elsewhere."""
-    fields = model.observation_columns(model.observed(states.x))
-    return {column + AT_START: (-D[t], -derivative(D, model.subject.fps, 1)[t]) for column, D in fields.items()}
+    """Column and `AT_START` -> (∂x, ∂v) [V, 3] of the state at frame t in effects on the observation: what was seen stays, so the cloth is elsewhere."""
+    first = max(0, t - CONTEXT)
+    fields = model.observation_columns(model.observed(states.x[first : t + CONTEXT + 1]))
+    return {column + AT_START: (-D[t - first], -derivative(D, model.subject.fps, 1)[t - first]) for column, D in fields.items()}
 
 
 def smooth(motion: Motion, n: int) -> Motion:
