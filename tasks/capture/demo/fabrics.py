@@ -1,7 +1,7 @@
 """The cloth of the demo's garments, drawn from ranges measured on real fabrics.
 
-Areal density 0.05-0.10 kg/m², stretch stiffness E·t 62-250 N/m, bending length (B/ρ̄g)^⅓ 46-58 mm (B 0.5e-4 to 1.9e-4 N·m): orders of magnitude
-of organza and stiffened voile, light and stiff, so that the air they move in shows within a second. Softer cloth folds over less than 1.3 edges of the
+Areal density 0.035-0.07 kg/m², stretch stiffness E·t 44-175 N/m, bending length (B/ρ̄g)^⅓ 46-58 mm (B 0.3e-4 to 1.3e-4 N·m): orders of magnitude
+of organza, light and stiff, so that the air they move in shows within a second. Softer cloth folds over less than 1.3 edges of the
 template (33 mm): a mesh of that size cannot show its bending (`tasks/cloth/estimates.py` says so then), and differs from the finer one by more than what
 it is to find.
 Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
@@ -11,8 +11,8 @@ import numpy as np
 
 from tasks.simulator.fabric import Fabric
 
-AREAL_DENSITY = (0.05, 0.10)  # [kg/m²]
-STRETCH = (62.5, 250.0)  # [N/m]
+AREAL_DENSITY = (0.035, 0.07)  # [kg/m²]
+STRETCH = (44.0, 175.0)  # [N/m]
 BENDING_LENGTH = (0.046, 0.058)  # [m]
 FRICTION = 0.2
 GRAVITY = 9.81  # [m/s²]
