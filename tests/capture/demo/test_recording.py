@@ -8,6 +8,7 @@ import pytest
 
 from tasks.capture.actorshq import read_actorshq
 from tasks.capture.demo.charts import box_charts, pack
+from tasks.capture.demo.fabrics import AREAL_DENSITY
 from tasks.capture.demo.files import altered, digests, seal, write_whole
 from tasks.capture.demo.labour import photograph, picture_paths
 from tasks.capture.demo.plan import Request
@@ -61,7 +62,8 @@ def test_the_reader_takes_the_folder(plan, worn, scanned, tmp_path) -> None:
     assert recording.cameras.names == ("Cam001", "Cam002", "Cam003") and recording.fps == 25 and len(recording.frames) == 2
     np.testing.assert_allclose(recording.cameras.K, plan.cameras.K, rtol=1e-12)
     np.testing.assert_allclose(recording.cameras.R, plan.cameras.R, atol=1e-12)
-    assert 0.05 < recording.mass_kg < 0.6
+    least, most = AREAL_DENSITY
+    assert 0.8 * least < recording.mass_kg < 2.0 * most  # of 0.8 to 2 m² of cloth
     boxes = np.loadtxt(tmp_path / "aabbs.csv", delimiter=",", skiprows=1)
     assert (boxes[0, 1:4] < scanned.template.vertices.min(0)).all() and (boxes[0, 4:] > scanned.template.vertices.max(0)).all()
     assert read_template(recording.template).faces.shape == scanned.template.faces.shape
