@@ -80,8 +80,15 @@ def restarted(model: Model, data: Gathered, run: Map = map) -> Gathered:
     """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may pinch itself anew."""
     if not any("motion" in e.acts_through and model.strength(e).any() for e in model.effects):
         return data
-    recordings, walked = zip(*run(_states, [(model, r) for r in data.recordings]), strict=True)
+    recordings, walked = zip(*run(_anew, [(model, r) for r in data.recordings]), strict=True)
     return _where_longer(data, walked, recordings)
+
+
+def _anew(job: tuple[Model, Recording]) -> tuple[Recording, States]:
+    """States, and the collider drawn in again only where the model's effects move it."""
+    model, recording = job
+    as_driven = recording.scene(model).driven(recording.motion).collider
+    return (recording, _restate(job)) if np.array_equal(as_driven, recording.motion.collider) else _states(job)
 
 
 def _where_longer(data: Gathered, walked: Sequence[States], recordings: Sequence[Recording]) -> Gathered:

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from tasks.simulator.contact_surface import ContactSurface
-from tasks.simulator.newton import CONVERGED, Problem, Solution, times
+from tasks.simulator.newton import CONVERGED, Problem, Solution
+from tasks.simulator.newton_direction import times
 from tasks.simulator.potential import Blocks, Step
 
 Array = NDArray[np.float64]

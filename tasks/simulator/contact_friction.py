@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from typing_extensions import override
 
-from tasks.simulator.contact_barrier import ContactBarrier
+from tasks.simulator.contact_barrier import ContactBarrier, on_cloth
 from tasks.simulator.potential import Potential, Step, StepTangent
 
 Array = NDArray[np.float64]
@@ -68,10 +68,8 @@ class ContactFriction(Potential):
             pairs, self._mesh, rest, np.asfortranarray(X_n - rest), U, self.barrier.barrier, wrt, surface.offset
         )
         H = self._friction(step).hessian(pairs, self._mesh, U)
-        lag = np.concatenate([d.x_n, d.collider_n], axis=1).reshape(len(d.x_n), -1)
-        slip = np.concatenate([-d.x_hat, d.collider - d.collider_hat], axis=1).reshape(len(d.x_n), -1)
-        out = (H @ slip.T - J @ lag.T).T.reshape(len(d.x_n), -1, 3)
-        return self.barrier.scale(step) * out[:, : len(x)]
+        by_slip, by_lag = on_cloth(H, -d.x_hat, d.collider - d.collider_hat), on_cloth(J, d.x_n, d.collider_n)
+        return self.barrier.scale(step) * (by_slip - by_lag)
 
     def _gradient(self, x: Array, step: Step, pairs: ipctk.TangentialCollisions) -> Array:
         if not len(pairs):
@@ -86,15 +84,11 @@ class ContactFriction(Potential):
 
     def _build(self, step: Step, collider: float, cloth: float) -> ipctk.TangentialCollisions:
         surface, X_n = self.barrier.surface, self._lagged(step)
-        near = ipctk.NormalCollisions()
-        near.collision_set_type = ipctk.NormalCollisions.IPC
-        near.use_area_weighting = surface.area_weighting
-        near.build(surface.mesh, X_n, surface.barrier_distance, surface.offset)
         # ipctk takes the mean of the two vertices' coefficients: cloth-cloth gives `cloth`, cloth-collider gives `collider`
         μ = np.full(len(X_n), 2 * collider - cloth)
         μ[: surface.cloth_size] = cloth
         pairs = ipctk.TangentialCollisions()
-        pairs.build(surface.mesh, X_n, near, self.barrier.barrier, μ, μ)
+        pairs.build(surface.mesh, X_n, surface.pairs(X_n), self.barrier.barrier, μ, μ)
         return pairs
 
     def _friction(self, step: Step) -> ipctk.FrictionPotential:

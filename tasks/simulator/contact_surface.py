@@ -1,7 +1,8 @@
 """The surface of contact: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
 
 Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could
-answer them. Candidates found for a segment x → y hold for every point of it, so that a line search asks the broad phase once.
+answer them. Candidates found for a segment x → y hold for every point of it and for all within a little slack around, so that the broad phase,
+which sees the whole collider, is asked about once per step, not once per Newton iteration.
 
 Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021, both as implemented in ipctk.
 """
@@ -15,6 +16,7 @@ from tasks.simulator.cloth import Cloth, Collider
 
 Array = NDArray[np.float64]
 KEPT = 0.1  # share of the gap that a step leaves
+SLACK = 2.0  # barrier distances around a segment for which its candidates hold as well
 
 
 class ContactSurface:
@@ -47,6 +49,7 @@ class ContactSurface:
         self.contact_areas = np.array([self.mesh.vertex_area(i) for i in range(len(rest))])
         self._ccd = ipctk.AdditiveCCD(conservative_rescaling=1 - KEPT)
         self._candidates: ipctk.Candidates | None = None
+        self._region = (np.empty((0, 3)), np.empty((0, 3)))
         self._near: tuple[Array, ipctk.NormalCollisions] | None = None
 
     def join(self, x: Array, collider: Array) -> Array:
@@ -54,9 +57,18 @@ class ContactSurface:
         return np.asfortranarray(np.concatenate([x, collider]))
 
     def prepare(self, X: Array, Y: Array) -> None:
-        """Find all pairs that come near each other between X and Y [V + C, 3]."""
+        """Know all pairs that come near each other between X and Y [V + C, 3]: those of the segment before, where they hold for this one."""
+        if self._known(X) and self._known(Y):
+            return
+        slack = SLACK * self.barrier_distance
         self._candidates = ipctk.Candidates()
-        self._candidates.build(self.mesh, X, Y, (self.offset + self.barrier_distance) / 2 * 1.01)
+        self._candidates.build(self.mesh, X, Y, (self.offset + self.barrier_distance) / 2 * 1.01 + slack)
+        self._region = (np.minimum(X, Y) - slack, np.maximum(X, Y) + slack)
+
+    def _known(self, X: Array) -> bool:
+        """Whether the candidates hold at X: every vertex within its box."""
+        low, high = self._region
+        return self._candidates is not None and bool((low <= X).all() and (high >= X).all())
 
     def forget(self) -> None:
         """Drop the candidates: the next question may be asked anywhere."""
@@ -73,15 +85,15 @@ class ContactSurface:
         return candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset, self._ccd)
 
     def pairs(self, X: Array) -> ipctk.NormalCollisions:
-        """Pairs closer than offset + d̂ at X, which lies on the prepared segment if there is one."""
+        """Pairs closer than offset + d̂ at X."""
         if self._near is None or not np.array_equal(self._near[0], X):
             near = ipctk.NormalCollisions()
             near.collision_set_type = ipctk.NormalCollisions.IPC
             near.use_area_weighting = self.area_weighting
-            if self._candidates is None:
-                near.build(self.mesh, X, self.barrier_distance, self.offset)
-            else:
+            if self._known(X):
                 near.build(self._candidates, self.mesh, X, self.barrier_distance, self.offset)
+            else:
+                near.build(self.mesh, X, self.barrier_distance, self.offset)
             self._near = (X, near)
         return self._near[1]
 

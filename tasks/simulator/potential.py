@@ -47,7 +47,8 @@ class Step:
 
 @dataclass(frozen=True)
 class StepTangent:
-    """Directional derivatives of what `Step` knows, for K columns at once: cloth fields [K, V, 3], collider fields [K, C, 3]."""
+    """Directional derivatives of what `Step` knows, for K columns at once: cloth fields [K, V, 3]; collider fields [M, C, 3] of the last M columns, for the
+    others do not move the collider."""
 
     x_n: Array
     v_n: Array

@@ -214,13 +214,19 @@ class _Walk:
         r = rule(self.settings.integrator, h, self.h_previous)
         step = known(r, self.now, self.before, collider, time)
         self.problem.system.renew()
-        self.problem.surface.forget()
+        self._look_ahead(step)
         solution = SOLVERS[self.settings.solver](self.problem, self.now.x, step, boundary_target=boundary)
         if solution.collider is not None:
             step = replace(step, collider=solution.collider)
         if solution.converged:
             self._accept(solution, step, r, share)
         return solution
+
+    def _look_ahead(self, step: Step) -> None:
+        """Ask for contacts where the cloth goes if it keeps its velocity. What earlier steps found is dropped, so that a resumed run sums in the same order."""
+        surface = self.problem.surface
+        surface.forget()
+        surface.prepare(surface.join(step.x_n, step.collider_n), surface.join(step.x_n + step.h * step.v_n, step.collider))
 
     def _accept(self, solution: Solution, step: Step, r: Rule, share: float) -> None:
         if self.columns:

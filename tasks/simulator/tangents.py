@@ -23,7 +23,7 @@ CARRIED = ("dx", "dv", "dc", "dx_before", "dv_before", "dc_before")
 
 
 class Tangents:
-    """Columns dx, dv [P, V, 3] of parameters (by name), start modes and motion modes, carried along with the steps."""
+    """Columns dx, dv [P, V, 3] of parameters (by name), start modes and M motion modes, carried along with the steps; dc [M, C, 3] of the collider."""
 
     def __init__(self, problem: Problem, names: tuple[str, ...], modes: Modes, motions: Modes, start: State) -> None:
         """Raises KeyError when no term has a parameter of that name."""
@@ -38,9 +38,15 @@ class Tangents:
         for i, (dx0, dv0) in enumerate(modes.values(), len(names)):
             self.dx[i], self.dv[i] = dx0, dv0
         self._motions = tuple(motions.values())
-        self.dx[:, problem.boundary], self.dv[:, problem.boundary] = self._prescribed(0, 0.0, 1, len(problem.boundary)), 0
+        self.dx[:, problem.boundary], self.dv[:, problem.boundary] = 0, 0
+        self.dx[self._moving, problem.boundary] = self._prescribed(0, 0.0, 1, len(problem.boundary))
         self.dc = self._prescribed(0, 0.0, 0, len(start.collider))
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
+
+    @property
+    def _moving(self) -> slice:
+        """The columns that move what is prescribed: the last ones."""
+        return slice(len(self.names) - len(self._motions), None)
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -62,9 +68,9 @@ class Tangents:
         hat_x, hat_v = rule.hat(self.dx, self.dx_before), rule.hat(self.dv, self.dv_before)
         dc = self._prescribed(frame, share, 0, step.collider.shape[0])
         fixed = np.zeros_like(self.dx)
-        fixed[:, problem.boundary] = self._prescribed(frame, share, 1, len(problem.boundary))
+        fixed[self._moving, problem.boundary] = self._prescribed(frame, share, 1, len(problem.boundary))
         d = StepTangent(self.dx, self.dv, hat_x, hat_v, dc, self.dc, rule.hat(self.dc, self.dc_before))
-        hessians = problem.hessians(x, step, convex=False)
+        hessians = problem.hessians(x, step)
         rhs = self._forces(x, step, d) - _times(hessians, fixed)
         dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T) + fixed
         for potential in problem.potentials:
@@ -85,9 +91,9 @@ class Tangents:
         return rhs
 
     def _prescribed(self, frame: int, share: float, which: int, count: int) -> Array:
-        """Derivatives [P, count, 3] of the collider (which = 0) or boundary (1) on the way from frame − 1 to frame."""
-        out = np.zeros((len(self.names), count, 3))
-        for i, motion in enumerate(self._motions, len(self.names) - len(self._motions)):
+        """Derivatives [M, count, 3] of the collider (which = 0) or boundary (1) on the way from frame − 1 to frame, by the modes of the motion."""
+        out = np.zeros((len(self._motions), count, 3))
+        for i, motion in enumerate(self._motions):
             way = motion[which]
             out[i] = (1 - share) * way[frame - 1] + share * way[frame] if frame else way[0]
         return out

@@ -70,13 +70,16 @@ def give_way(
     most, most_pinned = min(0.5 * p + clearance, MOST), min(pinned.max(), MOST)
     depth = np.minimum(_ring_maximum(under, e), most)
     for _ in range(PASSES):
+        before = depth
         depth = np.maximum(depth, np.minimum(depth + _ring_maximum(pinned, e), most_pinned))
         drawn = draw_in(collider, normals, depth)
-        under, p = _covered_depth(drawn, faces, normals, near, 0.5 * clearance)
+        under, p = _covered_depth(drawn, faces, normals, near[depth[near] > 0], 0.5 * clearance)
         pinned = pin_depth(drawn, faces, held, clearance)
         if p < NOTHING and pinned.max() < 0.5 * clearance:
             break
         depth = np.maximum(depth, np.minimum(depth + _ring_maximum(under, e), most))
+        if np.array_equal(depth, before):  # as deep as it may
+            break
     narrow = _gap_depth(draw_in(collider, normals, depth), faces, normals, near, clearance)
     depth = np.maximum(depth, np.minimum(depth + _ring_maximum(narrow, e), most))
     return draw_in(collider, normals, depth), Yielded(depth)
@@ -169,18 +172,23 @@ def _nearest_facing_away(x, asked, normal, faces, away):
         for v in faces[f]:
             radius[f] = max(radius[f], np.sqrt(np.sum((x[v] - centre[f]) ** 2)))
     whole = np.array([away[f].any() for f in range(len(faces))])  # a face without area looks nowhere
+    squared, cosine = np.zeros(len(faces)), np.zeros(len(faces))
     for i in range(len(asked)):
         v = asked[i]
+        bound = (2 * MOST) ** 2  # the nearest centre is no nearer than the nearest face
         for f in range(len(faces)):
-            squared, cosine = 0.0, 0.0
+            squared[f], cosine[f] = np.inf, 0.0
             for k in range(3):
-                squared += (centre[f, k] - x[v, k]) ** 2
-                cosine += away[f, k] * normal[v, k]
-            if whole[f] and cosine <= 0.5 and squared < (min(p[i], 2 * MOST) + radius[f]) ** 2:
+                cosine[f] += away[f, k] * normal[v, k]
+            if whole[f] and cosine[f] <= 0.5:
+                squared[f] = (centre[f, 0] - x[v, 0]) ** 2 + (centre[f, 1] - x[v, 1]) ** 2 + (centre[f, 2] - x[v, 2]) ** 2
+                bound = min(bound, squared[f])
+        for f in range(len(faces)):
+            if squared[f] <= (min(p[i], np.sqrt(bound)) + radius[f]) ** 2:
                 a, b, c = faces[f]
                 d = np.sqrt(np.sum((_closest(x[v], x[a], x[b], x[c]) - x[v]) ** 2))
                 if d < min(p[i], 2 * MOST):
-                    p[i], cosines[i] = d, cosine
+                    p[i], cosines[i] = d, cosine[f]
     return p, cosines
 
 

@@ -1,0 +1,90 @@
+"""Candidates of one segment serve near it, and nowhere else."""
+
+import ipctk
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix
+
+from tasks.simulator import Cloth, Collider
+from tasks.simulator.contact_barrier import on_cloth
+from tasks.simulator.contact_surface import SLACK, ContactSurface
+from tests.simulator.scenes import sheet, sphere
+
+REACH = 1e-3
+
+
+@pytest.fixture
+def scene():
+    """A sheet 3 mm above a ball, the surface of both, and how often the broad phase was asked."""
+    cloth = Cloth(*sheet(9, 9, length=0.2, width=0.2))
+    vertices, faces = sphere(2, 0.1)
+    ball = vertices + np.array([0.1, -0.103, 0.1])
+    return ContactSurface(cloth, Collider(faces), ball, barrier_distance=REACH), cloth.x_rest, ball
+
+
+def pairs_from_scratch(surface, X):
+    near = ipctk.NormalCollisions()
+    near.collision_set_type, near.use_area_weighting = ipctk.NormalCollisions.IPC, True
+    near.build(surface.mesh, X, REACH, 0.0)
+    return len(near)
+
+
+def asked(surface, monkeypatch):
+    """Segments that the broad phase is asked about."""
+    found, build = [], ipctk.Candidates.build
+    monkeypatch.setattr(ipctk.Candidates, "build", lambda self, *of: (found.append(of), build(self, *of))[1])
+    return found
+
+
+def test_within_the_slack_the_broad_phase_is_asked_once(scene, monkeypatch):
+    surface, x, ball = scene
+    segments = asked(surface, monkeypatch)
+    down = np.array([0.0, -2.5e-3, 0.0])
+    surface.prepare(surface.join(x, ball), surface.join(x + down, ball))
+    for further in (0.0, 0.3e-3, 0.45e-3):
+        X = surface.join(x + down - [0.0, further, 0.0], ball)
+        surface.prepare(surface.join(x, ball), X)
+        assert len(surface.pairs(X)) == pairs_from_scratch(surface, X) > 0
+    assert len(segments) == 1
+    surface.forget()
+    surface.prepare(X, X)
+    assert len(segments) == 2
+
+
+def test_candidates_reach_as_far_as_the_slack(scene, monkeypatch):
+    surface, x, ball = scene
+    segments = asked(surface, monkeypatch)
+    X = surface.join(x - [0.0, 0.5e-3, 0.0], ball)
+    surface.prepare(X, X)
+    Y = surface.join(x - [0.0, 0.5e-3 + 0.95 * SLACK * REACH, 0.0], ball)
+    assert len(surface.pairs(Y)) == pairs_from_scratch(surface, Y) > 0
+    surface.prepare(X, Y)
+    assert len(segments) == 1
+
+
+def test_beyond_the_slack_nothing_is_missed(scene, monkeypatch):
+    surface, x, ball = scene
+    X = surface.join(x, ball)
+    segments = asked(surface, monkeypatch)
+    surface.prepare(X, X)
+    lowered = x - [0.0, 1.01 * SLACK * REACH, 0.0]
+    Y = surface.join(lowered - np.array([0.0, 0.4e-3, 0.0]), ball)
+    assert len(surface.pairs(Y)) == pairs_from_scratch(surface, Y) > 0
+    surface.prepare(X, Y)
+    assert len(segments) == 2
+    assert surface.free_step(X, surface.join(x - [0.0, 4e-3, 0.0], ball)) < 1
+
+
+def test_a_product_on_few_rows_and_columns():
+    rng = np.random.default_rng(0)
+    V, C, K, M = 6, 4, 5, 2
+    matrix = np.zeros((3 * (V + C), 3 * (V + C)))
+    met = np.ix_([3, 4, 7, 20, 25], [1, 3, 8, 19, 29])
+    matrix[met] = rng.normal(size=(5, 5))
+    cloth, collider = rng.normal(size=(K, V, 3)), rng.normal(size=(M, C, 3))
+    every = np.concatenate([np.zeros((K - M, C, 3)), collider])
+    whole = np.concatenate([cloth, every], 1).reshape(K, -1) @ matrix.T
+    np.testing.assert_allclose(on_cloth(csc_matrix(matrix), cloth, collider), whole.reshape(K, V + C, 3)[:, :V], atol=1e-12)
+    np.testing.assert_allclose(
+        on_cloth(csc_matrix(matrix), cloth, collider[:0]), (cloth.reshape(K, -1) @ matrix[: 3 * V, : 3 * V].T).reshape(K, V, 3), atol=1e-12
+    )

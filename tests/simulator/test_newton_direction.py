@@ -1,0 +1,93 @@
+"""Newton's directions against a dense solution, and when they are factorised for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_matrix
+
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tasks.simulator.base_model import base_problem
+from tasks.simulator.newton_direction import Directions, preconditioned
+from tasks.simulator.time_integration import State, known, rule
+from tests.simulator.scenes import sheet
+
+SIZE = 7
+
+
+@pytest.fixture
+def scene():
+    """A problem, a step of it, and a place on the way, in a sheet that hangs by a side."""
+    cloth = Cloth(*sheet(SIZE, SIZE, length=0.3, width=0.3), np.arange(SIZE))
+    problem = base_problem(cloth, Fabric(), NO_COLLIDER, np.zeros((0, 3)), settings=Settings())
+    rng = np.random.default_rng(0)
+    now = State(cloth.x_rest, 0.1 * rng.normal(size=cloth.x_rest.shape), np.zeros((0, 3)))
+    step = known(rule("backward_euler", 0.01, None), now, now, now.collider, 0.01)
+    x = cloth.x_rest + 1e-4 * rng.normal(size=cloth.x_rest.shape)
+    x[cloth.boundary] = cloth.x_rest[cloth.boundary]
+    return problem, step, x
+
+
+def counted(problem, monkeypatch):
+    """The matrices that the system is asked to factorise."""
+    asked, factorise = [], problem.system.factorise
+    monkeypatch.setattr(problem.system, "factorise", lambda A: (asked.append(A), factorise(A))[1])
+    return asked
+
+
+def dense(problem, step, x):
+    A = problem.system.assemble(problem.hessians(x, step)).toarray()
+    A = np.tril(A) + np.tril(A, -1).T
+    return A, np.linalg.solve(A, -problem.system.gather(problem.gradient(x, step)))
+
+
+def off(A, p, expected):
+    """Relative error in the norm of A."""
+    return np.sqrt((p - expected) @ A @ (p - expected) / (expected @ A @ expected))
+
+
+def test_one_factor_serves_a_smooth_step(scene, monkeypatch):
+    problem, step, x = scene
+    directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)
+    directions.newton(x, step, problem.gradient(x, step))
+    y = x + problem.system.scatter(1e-4 * np.random.default_rng(1).normal(size=problem.system.size))
+    p = problem.system.gather(directions.newton(y, step, problem.gradient(y, step)))
+    A, expected = dense(problem, step, y)
+    chord = np.linalg.solve(dense(problem, step, x)[0], A @ expected)  # what the kept factor alone would say
+    assert len(asked) == 1
+    assert off(A, p, expected) < 1e-3 < 10 * off(A, chord, expected)
+
+
+def test_what_moves_of_itself_is_foreseen(scene):
+    """By the first direction, which a factor gives, and by the second, which iterations do."""
+    problem, step, x = scene
+    directions, g = Directions(problem.potentials, problem.system), problem.gradient(x, step)
+    fixed = np.zeros_like(x)
+    fixed[problem.boundary] = [1e-3, 0.0, 2e-3]
+    for _ in range(2):
+        p = directions.answer(x, step, g, fixed, step.collider)
+        after = g + sum(H.times(p[None])[0] for H in problem.hessians(x, step) if hasattr(H, "times"))
+        np.testing.assert_allclose(p[problem.boundary], fixed[problem.boundary])
+        assert np.abs(after[problem.system.free]).max() < 1e-3 * np.abs(g).max()
+
+
+def test_a_step_that_changes_much_is_factorised_each_time(scene, monkeypatch):
+    problem, step, x = scene
+    directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)
+    stiff = replace(step, s=1e-4 * step.s)  # a Hessian that is nearly all inertia
+    for at in (stiff, step, step):
+        p = problem.system.gather(directions.newton(x, at, problem.gradient(x, at)))
+        np.testing.assert_allclose(p, dense(problem, at, x)[1], rtol=1e-6, atol=1e-12)
+    assert len(asked) >= 3
+
+
+def test_negative_curvature_is_noticed(scene):
+    """In one direction of many: iterations would end after two, at a saddle."""
+    problem, step, x = scene
+    A = problem.system.assemble(problem.hessians(x, step))
+    factor, (whole, _) = problem.system.factorise(A), dense(problem, step, x)
+    λ, v = np.linalg.eigh(whole)
+    saddle = csc_matrix(np.tril(whole - 2 * λ[0] * np.outer(v[:, 0], v[:, 0])))
+    b = v.sum(1)
+    assert preconditioned(saddle, b, factor) is None
+    np.testing.assert_allclose(preconditioned(A, b, factor), np.linalg.solve(whole, b), rtol=1e-6)
