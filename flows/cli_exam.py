@@ -134,6 +134,25 @@ def pictures(*, cases: int = 8, seed: int = 0, split: Split = "open", out: Path 
 
 
 @app.command
+def scoreboard(*, json_: Json = False) -> int:
+    """Figures of all sealed cases that any version of the diagnosis has sat; each was new to its version.
+
+    Parameters
+    ----------
+    json_: Machine-readable JSON on stdout.
+    """
+    from flows.exam_scoreboard import every_version
+
+    result = every_version()
+    if json_:
+        sys.stdout.write(json.dumps(result, indent=1) + "\n")
+    else:
+        _show_figures(result)
+        OUT.print("versions: " + ", ".join(f"{version[:8]} {cases}" for version, cases in result["versions"].items()), highlight=False)
+    return OK
+
+
+@app.command
 def rival(
     name: str,
     *tracks: Path,

@@ -1,6 +1,7 @@
 """What sealed attempts add up to: one line of JSON each, never rewritten, and figures that pool all attempts of a version and an engine."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +14,7 @@ SCOREBOARD = Path(__file__).parents[1] / "docs" / "exam-scoreboard.jsonl"
 OWN = "own"  # the generator's own engine; attempts from before there was another say nothing
 PICTURES = "pictures"  # cases that start from images (`exam_pictures.py`)
 Row = dict[str, Any]
+Case = tuple[str, int, int]  # version, seed, number
 
 
 def attempts(scoreboard: Path, of: str, engine: str = OWN) -> list[Row]:
@@ -20,12 +22,12 @@ def attempts(scoreboard: Path, of: str, engine: str = OWN) -> list[Row]:
     return [attempt for attempt in _of_version(scoreboard, of) if attempt.get("engine", OWN) == engine]
 
 
-def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[tuple[int, int], Row]:
-    """Rows of all attempts, each case of a seed once, as it was answered first: an exam that was resumed counts once."""
-    first: dict[tuple[int, int], Row] = {}  # a longer exam begins with the cases of a shorter one
+def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[Case, Row]:
+    """Rows of all attempts, each case of a version's seed once, as it was answered first: an exam that was resumed counts once."""
+    first: dict[Case, Row] = {}  # a longer exam begins with the cases of a shorter one
     for attempt in attempts:
         for row in attempt["cases"] if rival is None else attempt.get("rivals", {}).get(rival, []):
-            first.setdefault((attempt["seed"], row["number"]), row)
+            first.setdefault((attempt["version"], attempt["seed"], row["number"]), row)
     return first
 
 
@@ -50,6 +52,15 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     return whole | figures(engine, attempts(scoreboard, of, engine))
 
 
+def every_version(scoreboard: Path = SCOREBOARD) -> Row:
+    """Figures of all sealed cases that any version has sat, and how many each did, the first version first.
+
+    A case was new to the version that sat it, for its seed holds the code. Who made a version knew how those before it had fared.
+    """
+    own = [attempt for attempt in _all(scoreboard) if attempt.get("engine", OWN) == OWN]
+    return figures(OWN, own) | {"versions": dict(Counter(version for version, _, _ in pooled(own)))}
+
+
 def figures(engine: str, attempts: Sequence[Row]) -> Row:
     """Figures of the diagnosis; of each rival, its own and the diagnosis' on the cases that it answered."""
     pool = pooled(attempts)
@@ -72,5 +83,9 @@ def figures(engine: str, attempts: Sequence[Row]) -> Row:
 
 
 def _of_version(scoreboard: Path, of: str) -> list[Row]:
+    return [attempt for attempt in _all(scoreboard) if attempt["version"] == of]
+
+
+def _all(scoreboard: Path) -> list[Row]:
     lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
-    return [attempt for attempt in map(json.loads, lines) if attempt["version"] == of]
+    return [json.loads(line) for line in lines]

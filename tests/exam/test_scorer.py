@@ -163,6 +163,12 @@ def test_summary_of_nothing_is_empty_and_does_not_fail():
     assert all(f["value"] is None for f in summary([]))
 
 
+def test_what_cannot_be_ranked_is_located_by_chance():
+    row = score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)]))
+    figures = {f["metric"]: f for f in summary([row | {"auc": 1.0}, row | {"auc": float("nan")}])}
+    assert figures["localisation, AUC"]["value"] == 0.75
+
+
 def test_of_another_engine_count_nulls_and_what_is_twice_as_large_as_they_leave_over():
     def row(expected, magnitude=None, before=None):
         return {"expected": expected, "magnitude_mm": magnitude, "before_mm": before}

@@ -147,6 +147,20 @@ def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch)
     assert not exam_scoreboard.attempts(board, "another version")
 
 
+def test_cases_of_every_version_are_told_together(folder, tmp_path, monkeypatch):
+    """A version's case of a number is not another version's; a case that one version sat twice is one; other engines' are apart."""
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board = tmp_path / "board.jsonl"
+    exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    (line,) = (json.loads(text) for text in board.read_text().splitlines())
+    with board.open("a") as file:
+        for changed in ({"version": "older"}, {"version": "older", "seed": 1}, {}, {"version": "older", "engine": "mujoco"}):
+            file.write(json.dumps(line | changed) + "\n")
+    found = exam_scoreboard.every_version(board)
+    assert found["cases"] == 3 and found["versions"] == {exam.version(): 1, "older": 2}
+
+
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):
     calls = []
 
