@@ -60,7 +60,6 @@ def _begin(problem: Problem, x: Array, step: Step, target: Array) -> tuple[Array
     """x [V, 3] and the step as they stand before the first iteration, and whether prescribed nodes must still be pulled."""
     jumped = x.copy()
     jumped[problem.boundary] = target
-    problem.surface.forget()
     if _free_share(problem.surface, x, jumped - x, step.collider_n, step.collider - step.collider_n) < 1:
         return x, replace(step, collider=step.collider_n), True
     # friction's normal forces are taken after the jump

@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix
 from typing_extensions import override
 
 from tasks.simulator.contact_surface import ContactSurface
-from tasks.simulator.potential import Potential, Step, StepTangent
+from tasks.simulator.potential import Potential, Step, StepTangent, sparse_times
 
 Array = NDArray[np.float64]
 
@@ -68,8 +68,9 @@ class ContactBarrier(Potential):
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array | None:
         if not d.collider.any():
             return None
-        H, still = self.hessian(x, step, convex=False), np.zeros_like(d.x_n)
-        return on_cloth(H, still, d.collider)
+        H, out = self.hessian(x, step, convex=False), np.zeros_like(d.x_n)
+        out[-len(d.collider) :] = sparse_times(H[: x.size, x.size :], d.collider)
+        return out
 
     @property
     def barrier(self) -> ipctk.BarrierPotential:
@@ -79,19 +80,6 @@ class ContactBarrier(Potential):
     def scale(self, step: Step) -> float:
         """1, or 1/s² where the barrier was meant for the potential multiplied by s²."""
         return 1 / step.s**2 if self.time_free else 1.0
-
-
-def on_cloth(matrix: csc_matrix, cloth: Array, collider: Array) -> Array:
-    """The cloth's part [K, V, 3] of a matrix [3(V+C), 3(V+C)] times fields of the cloth [K, V, 3] and, in the last M of the K columns, of the collider
-    [M, C, 3]. Few vertices are in contact: only their rows and columns are multiplied."""
-    out, n = np.zeros_like(cloth), cloth[0].size
-    rows = np.unique(matrix.indices[matrix.indices < n])
-    for field, columns in ((cloth, matrix[rows, :n]), (collider, matrix[rows, n:])):
-        met = np.flatnonzero(np.diff(columns.indptr))
-        if len(met) and len(field):
-            flat = field.reshape(len(field), -1)[:, met]
-            out.reshape(len(out), -1)[-len(field) :, rows] += (columns[:, met] @ flat.T).T
-    return out
 
 
 def stiffness(areal_density: float, *, acceleration: float, barrier_distance: float, offset: float) -> float:

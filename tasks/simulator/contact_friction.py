@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from typing_extensions import override
 
-from tasks.simulator.contact_barrier import ContactBarrier, on_cloth
-from tasks.simulator.potential import Potential, Step, StepTangent
+from tasks.simulator.contact_barrier import ContactBarrier
+from tasks.simulator.potential import Potential, Step, StepTangent, sparse_times
 
 Array = NDArray[np.float64]
 
@@ -68,8 +68,10 @@ class ContactFriction(Potential):
             pairs, self._mesh, rest, np.asfortranarray(X_n - rest), U, self.barrier.barrier, wrt, surface.offset
         )
         H = self._friction(step).hessian(pairs, self._mesh, U)
-        by_slip, by_lag = on_cloth(H, -d.x_hat, d.collider - d.collider_hat), on_cloth(J, d.x_n, d.collider_n)
-        return self.barrier.scale(step) * (by_slip - by_lag)
+        n, still = x.size, len(d.x_n) - len(d.collider)
+        out = -sparse_times(H[:n, :n], d.x_hat) - sparse_times(J[:n, :n], d.x_n)
+        out[still:] += sparse_times(H[:n, n:], d.collider - d.collider_hat) - sparse_times(J[:n, n:], d.collider_n)
+        return self.barrier.scale(step) * out
 
     def _gradient(self, x: Array, step: Step, pairs: ipctk.TangentialCollisions) -> Array:
         if not len(pairs):

@@ -71,11 +71,6 @@ class Problem:
         """∂²P/∂x², term by term."""
         return hessians(self.potentials, x, step, convex=False)
 
-    @property
-    def directions(self) -> Directions:
-        """Newton's directions through one step."""
-        return Directions(self.potentials, self.system)
-
     def residual(self, g: Array) -> float:
         """Root mean square acceleration [m/s²] that the forces g [V, 3] left over would cause on the free nodes."""
         free = self.system.free
@@ -90,7 +85,7 @@ class Problem:
 
 def solve(problem: Problem, x: Array, step: Step, *, boundary_target: Array) -> Solution:
     """Minimise from x [V, 3], which is free of contact with the collider at step.collider_n; boundary_target [B, 3] m."""
-    directions = problem.directions
+    directions = Directions(problem.potentials, problem.system)
     try:
         advance = _advance(problem, x, step, boundary_target, directions)
         if not advance.converged:
@@ -152,7 +147,7 @@ def _relax(problem: Problem, x: Array, step: Step, directions: Directions) -> tu
 
 def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, directions: Directions | None = None) -> Solution:
     """From x [V, 3] where boundary and collider are at their targets already; `iterations` have been spent on that."""
-    directions, energy = directions or problem.directions, None
+    directions, energy = directions or Directions(problem.potentials, problem.system), None
     while True:
         g = problem.gradient(x, step)
         residual = problem.residual(g)

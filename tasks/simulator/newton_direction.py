@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Terms = list[Blocks | csc_matrix]
 
 FORCING = 1e-4  # share of the error, in the norm of H⁻¹, that conjugate gradients leave
-MOST = 12  # of their iterations, which cost a tenth of a factorisation each
+MOST = 12  # of their iterations, which cost a twentieth of a factorisation each
 LADDER = (0.0, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # shares λ of the convex neighbours
 
 

@@ -77,6 +77,16 @@ class Blocks:
         return total
 
 
+def sparse_times(H: csc_matrix, dx: Array) -> Array:
+    """Product of a matrix [3A, 3B] with columns dx [P, B, 3] -> [P, A, 3]; of few vertices in contact few rows and columns have entries, and only
+    those are multiplied."""
+    rows, columns = np.unique(H.indices), np.flatnonzero(np.diff(H.indptr))
+    out = np.zeros((len(dx), H.shape[0] // 3, 3))
+    if len(dx) and len(rows):
+        out.reshape(len(dx), -1)[:, rows] = (H[rows][:, columns] @ dx.reshape(len(dx), -1)[:, columns].T).T
+    return out
+
+
 NO_STIFFNESS = Blocks(np.empty((0, 1), np.int32), np.empty((0, 3, 3)))
 
 

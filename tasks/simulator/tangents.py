@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix
 
 from tasks.simulator.linear_system import NotPositiveDefinite
 from tasks.simulator.newton import Problem
-from tasks.simulator.potential import Blocks, Step, StepTangent
+from tasks.simulator.potential import Blocks, Step, StepTangent, sparse_times
 from tasks.simulator.time_integration import Rule, State
 
 Array = NDArray[np.float64]
@@ -104,11 +104,9 @@ def _times(hessians: Sequence[Blocks | csc_matrix], fixed: Array) -> Array:
     total = np.zeros_like(fixed)
     moving = np.flatnonzero(fixed.any((1, 2)))
     if len(moving):
-        some = fixed[moving]
-        flat = some.reshape(len(some), -1)
+        some, n = fixed[moving], fixed[0].size
         for H in hessians:
-            product = H.times(some) if isinstance(H, Blocks) else (H[: flat.shape[1], : flat.shape[1]] @ flat.T).T.reshape(some.shape)
-            total[moving] += product
+            total[moving] += H.times(some) if isinstance(H, Blocks) else sparse_times(H[:n, :n], some)
     return total
 
 

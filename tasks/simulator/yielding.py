@@ -73,7 +73,8 @@ def give_way(
         before = depth
         depth = np.maximum(depth, np.minimum(depth + _ring_maximum(pinned, e), most_pinned))
         drawn = draw_in(collider, normals, depth)
-        under, p = _covered_depth(drawn, faces, normals, near[depth[near] > 0], 0.5 * clearance)
+        deep = near[depth[near] > 0]  # what has not moved is covered no more than it was
+        under, p = _covered_depth(drawn, faces, normals, deep, 0.5 * clearance)
         pinned = pin_depth(drawn, faces, held, clearance)
         if p < NOTHING and pinned.max() < 0.5 * clearance:
             break
@@ -175,7 +176,7 @@ def _nearest_facing_away(x, asked, normal, faces, away):
     squared, cosine = np.zeros(len(faces)), np.zeros(len(faces))
     for i in range(len(asked)):
         v = asked[i]
-        bound = (2 * MOST) ** 2  # the nearest centre is no nearer than the nearest face
+        bound = (2 * MOST) ** 2  # of the nearest face's squared distance: the centre of a face is on it
         for f in range(len(faces)):
             squared[f], cosine[f] = np.inf, 0.0
             for k in range(3):
@@ -183,8 +184,9 @@ def _nearest_facing_away(x, asked, normal, faces, away):
             if whole[f] and cosine[f] <= 0.5:
                 squared[f] = (centre[f, 0] - x[v, 0]) ** 2 + (centre[f, 1] - x[v, 1]) ** 2 + (centre[f, 2] - x[v, 2]) ** 2
                 bound = min(bound, squared[f])
+        reach = np.sqrt(bound)
         for f in range(len(faces)):
-            if squared[f] <= (min(p[i], np.sqrt(bound)) + radius[f]) ** 2:
+            if squared[f] <= (min(p[i], reach) + radius[f]) ** 2:
                 a, b, c = faces[f]
                 d = np.sqrt(np.sum((_closest(x[v], x[a], x[b], x[c]) - x[v]) ** 2))
                 if d < min(p[i], 2 * MOST):

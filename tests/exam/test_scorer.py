@@ -90,6 +90,8 @@ def test_localisation_is_the_share_of_pairs_in_order():
     assert area_under_curve(value, positive) == pytest.approx(brute)
     row = score(truth({DRAG: 1.0}), answer("effect", [[DRAG]], [([DRAG], 1.0)], vertex_accel=[0.0] * 8 + [1.0, 2.0]))
     assert row["auc"] == 1
+    nowhere = truth({DRAG: 1.0}) | {"acceleration": [0.0] * 10}
+    assert "auc" not in score(nowhere, answer("effect", [[DRAG]], [([DRAG], 1.0)], vertex_accel=[0.0] * 8 + [1.0, 2.0]))
 
 
 def test_vertices_that_nothing_happens_to_are_not_among_the_most_changed():
@@ -161,12 +163,6 @@ def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
 
 def test_summary_of_nothing_is_empty_and_does_not_fail():
     assert all(f["value"] is None for f in summary([]))
-
-
-def test_what_cannot_be_ranked_is_located_by_chance():
-    row = score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)]))
-    figures = {f["metric"]: f for f in summary([row | {"auc": 1.0}, row | {"auc": float("nan")}])}
-    assert figures["localisation, AUC"]["value"] == 0.75
 
 
 def test_of_another_engine_count_nulls_and_what_is_twice_as_large_as_they_leave_over():

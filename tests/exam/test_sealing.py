@@ -157,8 +157,14 @@ def test_cases_of_every_version_are_told_together(folder, tmp_path, monkeypatch)
     with board.open("a") as file:
         for changed in ({"version": "older"}, {"version": "older", "seed": 1}, {}, {"version": "older", "engine": "mujoco"}):
             file.write(json.dumps(line | changed) + "\n")
+        file.write(
+            json.dumps(line | {"version": "older", "cases": [row | {"auc": float("nan")} for row in line["cases"]], "seed": 2}) + "\n"
+        )
     found = exam_scoreboard.every_version(board)
-    assert found["cases"] == 3 and found["versions"] == {exam.version(): 1, "older": 2}
+    located = next(f for f in found["figures"] if f["metric"] == "localisation, AUC")
+    json.dumps(found, allow_nan=False)  # an old line that says NaN is still read
+    assert located["cases"] == 0
+    assert found["cases"] == 4 and found["versions"] == {exam.version(): 1, "older": 3}
 
 
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):

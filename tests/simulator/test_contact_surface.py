@@ -3,10 +3,8 @@
 import ipctk
 import numpy as np
 import pytest
-from scipy.sparse import csc_matrix
 
 from tasks.simulator import Cloth, Collider
-from tasks.simulator.contact_barrier import on_cloth
 from tasks.simulator.contact_surface import SLACK, ContactSurface
 from tests.simulator.scenes import sheet, sphere
 
@@ -73,18 +71,3 @@ def test_beyond_the_slack_nothing_is_missed(scene, monkeypatch):
     surface.prepare(X, Y)
     assert len(segments) == 2
     assert surface.free_step(X, surface.join(x - [0.0, 4e-3, 0.0], ball)) < 1
-
-
-def test_a_product_on_few_rows_and_columns():
-    rng = np.random.default_rng(0)
-    V, C, K, M = 6, 4, 5, 2
-    matrix = np.zeros((3 * (V + C), 3 * (V + C)))
-    met = np.ix_([3, 4, 7, 20, 25], [1, 3, 8, 19, 29])
-    matrix[met] = rng.normal(size=(5, 5))
-    cloth, collider = rng.normal(size=(K, V, 3)), rng.normal(size=(M, C, 3))
-    every = np.concatenate([np.zeros((K - M, C, 3)), collider])
-    whole = np.concatenate([cloth, every], 1).reshape(K, -1) @ matrix.T
-    np.testing.assert_allclose(on_cloth(csc_matrix(matrix), cloth, collider), whole.reshape(K, V + C, 3)[:, :V], atol=1e-12)
-    np.testing.assert_allclose(
-        on_cloth(csc_matrix(matrix), cloth, collider[:0]), (cloth.reshape(K, -1) @ matrix[: 3 * V, : 3 * V].T).reshape(K, V, 3), atol=1e-12
-    )

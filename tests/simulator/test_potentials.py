@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from scipy.sparse import csc_matrix
 
 from tasks.simulator import Blocks, Cloth, Fabric, Settings, Step, StepTangent
 from tasks.simulator.cloth import Collider
@@ -15,6 +16,7 @@ from tasks.simulator.hinge_bending import HingeBending
 from tasks.simulator.inertia import Inertia
 from tasks.simulator.membrane_neohookean import MembraneNeoHookean
 from tasks.simulator.membrane_stvk import MembraneStVK
+from tasks.simulator.potential import sparse_times
 from tests.simulator.scenes import sheet
 
 FABRIC = Fabric(density=300, membrane=1.3, bending=40, rest_scale=0.97, orthotropy=0.4)
@@ -232,3 +234,13 @@ def test_cipc_stiffness_is_that_of_the_recorded_run():
 def test_settings_default_to_the_base_model():
     s = Settings()
     assert (s.membrane, s.bending, s.barrier, s.integrator) == ("stvk", "independent", "per_area", "bdf2")
+
+
+def test_sparse_times_is_the_dense_product():
+    rng = np.random.default_rng(0)
+    H = np.zeros((18, 30))
+    H[np.ix_([3, 4, 7, 17], [1, 3, 8, 29])] = rng.normal(size=(4, 4))
+    dx = rng.normal(size=(5, 10, 3))
+    np.testing.assert_allclose(sparse_times(csc_matrix(H), dx), (dx.reshape(5, -1) @ H.T).reshape(5, 6, 3), atol=1e-12)
+    assert sparse_times(csc_matrix(H), dx[:0]).shape == (0, 6, 3)
+    assert not sparse_times(csc_matrix((18, 30)), dx).any()

@@ -75,7 +75,9 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         row["covered"] = right in answer["answer_set_90"]
     accelerations = answer["where"].get("vertex_accel")
     if truth["local"] and accelerations is not None and row["expected"] == "effect":
-        row["auc"] = area_under_curve(np.array(accelerations, float), most_changed(np.array(truth["acceleration"])))
+        changed = most_changed(np.array(truth["acceleration"]))
+        if changed.any():
+            row["auc"] = area_under_curve(np.array(accelerations, float), changed)
     return row
 
 
