@@ -1,11 +1,14 @@
 """One garment, cut out of the tracked surface: its mesh, what it is compared with, and the body it lies on."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.meshes import submesh
+from tasks.simulator import Cloth, Fabric
+from tasks.simulator.fabric import THICKNESS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -38,3 +41,11 @@ def garments(
         own_faces = number[faces[own]].astype(np.int32)
         found.append(Garment(name, index, own_faces, vertices[:, index], seen[:, index], noise_m[:, index], uv_faces[own]))
     return found
+
+
+def weighed(fabric: Fabric, cloths: Sequence[Cloth], mass_kg: float | None) -> Fabric:
+    """The fabric in the density ρ = m/(A t) of garments that were weighed together, A their rest area; as it is where nobody weighed them."""
+    if mass_kg is None:
+        return fabric
+    area = sum(float(cloth.rest_areas.sum()) for cloth in cloths)
+    return replace(fabric, density=mass_kg / area / THICKNESS)

@@ -18,7 +18,7 @@ from tasks.child_process import Pool
 from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
 from tasks.cloth.checkpoints import FrameFile, load_descent, save_descent
 from tasks.cloth.estimates import estimates
-from tasks.cloth.garment import Garment, garments
+from tasks.cloth.garment import Garment, garments, weighed
 from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
@@ -118,13 +118,15 @@ class Work:
 def cloth(
     job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> ClothRecord:
-    """Fit all garments of an actor, one after the other, each on both cores."""
+    """Fit all garments of an actor, one after the other, each on both cores. Where they were weighed, together, they are taken to be of one density."""
     worn = _garments(tracking)
     if not worn:
         raise BadInput(
             [Fault("template", "it has no part but 'body'", "Group the garments' faces by name (g skirt, g top …) in the template.")]
         )
-    work = [Work(g.name, _scene(g, capture, body, tracking, skinning, parameters), parameters.fabric) for g in worn]
+    scenes = [_scene(g, capture, body, tracking, skinning, parameters) for g in worn]
+    fabric = weighed(parameters.fabric, [s.cloth for s in scenes], capture.mass_kg)
+    work = [Work(g.name, s, fabric, weighed=capture.mass_kg is not None) for g, s in zip(worn, scenes, strict=True)]
     return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
 

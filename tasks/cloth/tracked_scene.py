@@ -22,13 +22,13 @@ from tasks.capture.tracked_geometry import TrackedGeometry
 from tasks.cloth.boundary import carried, fastened_nodes
 from tasks.cloth.collider import deepest_poke, fitted_collider
 from tasks.cloth.driven_motion import quieted
+from tasks.cloth.garment import weighed
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
 from tasks.geometry.faults import Fault, refuse
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tasks.simulator.doubts import doubts
-from tasks.simulator.fabric import THICKNESS
 from tasks.simulator.settings import BASE
 
 Array = NDArray[np.float64]
@@ -77,8 +77,7 @@ def tracked_scene(
     nodes, chosen = _nodes(track, x, body)
     refuse(_driven_faults(x, nodes, first, name))
     cloth = _cloth(track, x[0], nodes)
-    if track.mass_kg is not None:
-        fabric = replace(fabric, density=track.mass_kg / float(cloth.rest_areas.sum()) / THICKNESS)
+    fabric = weighed(fabric, [cloth], track.mass_kg)
     measured = track.noise_m is not None or track.noise_cov is not None
     noise = np.full(x.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m[cut], 1e-5)
     noise_cov = None if track.noise_cov is None else track.noise_cov[cut]

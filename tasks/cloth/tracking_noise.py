@@ -62,7 +62,7 @@ MEMORIES = (0.0, 0.05, 0.15, 0.5)  # candidates [s]
 def whitened(fields: Array, seen: NDArray[np.bool_], σ: Array, rest: Array, correlation: Correlation, fps: float) -> tuple[Array, float]:
     """R^(−1/2) of fields [K, L, V, 3] m at the vertices seen [L, V], σ [L, V] m, as [N, K]; and log|R|."""
     K, frames = len(fields), fields.transpose(1, 2, 3, 0)
-    scaled = [(field[on] / s[on, None, None]).reshape(on.sum(), -1) for field, on, s in zip(frames, seen, σ, strict=True)]
+    scaled = [(field[on] / s[on, None, None]).reshape(on.sum(), 3 * K) for field, on, s in zip(frames, seen, σ, strict=True)]
     logdet = 6 * float(np.log(σ[seen]).sum())
     if not correlation.share:
         return np.concatenate(scaled).reshape(-1, K), logdet

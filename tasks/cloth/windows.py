@@ -149,15 +149,7 @@ def _seen(
     around = states.x if states.x.shape[1] == x.shape[1] else x[:0]
     before, after = around[max(0, t - CONTEXT) : t], around[t + L : t + L + CONTEXT]
     whole, own = np.concatenate([before, x, after]), slice(len(before), len(before) + L)
-    seen = dict(tangents)
-    if model.observes:
-        still = np.zeros_like(whole)
-        for name, dx in tangents.items():
-            still[own] = dx
-            seen[name] = model.observed_direction(whole, still)[own].copy()
-    for name, field in (model.observation_columns(whole) if columns else {}).items():
-        seen[name] = seen.get(name, 0.0) + field[own]
-    return model.observed(whole)[own], seen
+    return model.observed(whole)[own], model.observed_tangents(whole, tangents, own, columns=columns)
 
 
 def _starts_as_seen(model: Model, states: States, t: int) -> dict[str, tuple[Array, Array]]:

@@ -89,11 +89,21 @@ class Model:
         """Cloth [T, V, 3] m that the tracker reports as y [T, V, 3] m: y − (observed(y) − y), to first order, for all of it would make noise explode."""
         return 2 * y - self.observed(y)
 
-    def observed_tangents(self, x: Array, tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """name -> ∂(observed)/∂θ [T, V, 3] from ∂x/∂θ [T, V, 3] of the cloth as it is, at x [T, V, 3] m; observation effects included."""
-        seen = {name: self.observed_direction(x, dx) for name, dx in tangents.items()}
-        for column, own in self.observation_columns(x).items():
-            seen[column] = seen[column] + own if column in seen else own
+    def observed_tangents(
+        self, x: Array, tangents: Mapping[str, Array], frames: slice = slice(None), *, columns: bool = True
+    ) -> dict[str, Array]:
+        """name -> ∂(observed)/∂θ at some frames of cloth x [T, V, 3] m, from its own ∂x/∂θ [frames, V, 3]; the other frames stand still.
+
+        columns: also those of the effects on the observation.
+        """
+        seen = dict(tangents)
+        if self.observes:
+            for name, dx in tangents.items():
+                moving = np.zeros_like(x)
+                moving[frames] = dx
+                seen[name] = self.observed_direction(x, moving)[frames]
+        for column, own in (self.observation_columns(x) if columns else {}).items():
+            seen[column] = seen.get(column, 0.0) + own[frames]
         return seen
 
     def observation_columns(self, x: Array) -> dict[str, Array]:
@@ -113,7 +123,7 @@ class Model:
     def observed_direction(self, x: Array, dx: Array) -> Array:
         """What the tracker reports of a small motion dx [T, V, 3] of cloth at x [T, V, 3] m; any unit."""
         size = np.abs(dx).max(initial=0.0)
-        if not (size and self.observes):
+        if not size:
             return dx
         δ = 1e-3 / size  # [m] of motion
         return (self.observed(x + δ * dx) - self.observed(x - δ * dx)) / (2 * δ)

@@ -11,6 +11,7 @@ from tasks.gap.held_out import Shrinkage
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.record_next import record_next
 from tasks.gap.residual import rms_mm
+from tasks.gap.verdict import Verdict
 
 VERSION = 1
 Z90 = 1.645
@@ -77,7 +78,7 @@ def sentence(found: Diagnosis) -> str:
     start = f"The fitted cloth differs from the recording by {gap.before_mm:.1f} mm (floor {gap.floor_mm:.1f} mm)"
     if v.reason and v.named is None:
         instead = v.kind.replace("_", " the ")
-        return f"{start}; {v.reason}, so nothing is named ({instead}: probability {v.probability:.0%})."
+        return f"{start}; {v.reason}, so nothing is named ({instead}: probability {v.probability:.0%}{_likelier(v)})."
     if v.kind == "none":
         found = "is needed to explain that" if gap.closed_fraction is None else "was found to explain that"  # None: at the floor
         return f"{start}; no effect of the library {found} (probability {v.probability:.0%})."
@@ -88,10 +89,17 @@ def sentence(found: Diagnosis) -> str:
     return f"{start} the cause is {cause} (probability {v.probability:.0%}){_closing(gap)}."
 
 
+def _likelier(v: Verdict) -> str:
+    first = v.ranking[0]
+    return "" if first.fitted is None else f"; {' or '.join(first.names)}: {first.probability:.0%}"
+
+
 def _closing(gap: Shrinkage) -> str:
     if gap.closed_fraction is None:
         return ""
     where = "on motion kept out of the fit " if gap.held_out else ""
+    if gap.replayed:
+        where += f"but replayed in one run, {gap.before_mm:.1f} mm, "
     share = f"{gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%}"
     return f"; with it the gap {where}falls to {gap.after_mm:.1f} mm ({share})"
 

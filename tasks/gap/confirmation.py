@@ -1,12 +1,13 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already it cannot speak: nothing is named, and what leads keeps its
-probability.
+nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already it cannot speak: "none" is said, for nothing more is needed
+there, and what leads keeps its probability.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,12 +15,13 @@ from tasks.cloth.shooting import Evidence, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs, restarted
-from tasks.gap.held_out import Shrinkage, floor_mm, shrinkage, unchanged
+from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, corrected_model
+from tasks.gap.replay import Replay, base_replays, mean, replayed_by
 from tasks.gap.screening import MODES
 from tasks.gap.trials import Trials
-from tasks.gap.verdict import Verdict, abstained, first_alone, judge
+from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
 
 CHANCES = 3
 
@@ -68,24 +70,27 @@ def _judged(trials: Trials) -> tuple[Verdict, tuple[Fitted, ...]]:
     return judge(trials.singles, pairs, unexplained=doubt, missing=missing, cosines=trials.cosines, vetoed=trials.vetoed), pairs
 
 
-def confirmed(trials: Trials, first: Decided, kept: Gathered | None) -> Confirmed:
-    """What is left of a verdict on windows kept out. kept: None, or without windows, where there are none: the verdict stands, and no claim is made."""
+def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: bool) -> Confirmed:
+    """What is left of a verdict on windows kept out. kept: None, or without windows, where there are none: the verdict stands, and no claim is made.
+
+    apart: they are of other recordings than those of the training.
+    """
     screened = trials.screened
     floor = floor_mm(screened.evidence, trials.train.recordings)
     if kept is None or not kept.windows:
         after = screened.evidence if first.named is None else first.named.evidence
         gap = shrinkage(screened.evidence, after, floor_mm=floor, held_out=False)
         return Confirmed(first.verdict, first.named, screened.evidence, after, gap, first.pairs)
-    test = _Test(trials, kept, floor)
+    test = _Test(trials, kept, floor, apart=apart)
     now, reasons = first, []
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))
-        gap = test.gap(after)
+        gap = test.said(now.named, after)
         if gap.shrinks:
             return Confirmed(_because(reasons, now.verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
         if gap.closed_fraction is None and np.isfinite(gap.after_mm):
-            now = Decided(abstained(now.verdict), None, None, ())  # what is at the floor says nothing against it either
+            now = Decided(nothing_needed(now.verdict), None, None, ())  # what is at the floor says nothing against it either
             break
         trials.veto(now.verdict.named.effects)
         now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())
@@ -106,8 +111,8 @@ def _reason(now: Decided, gap: Shrinkage) -> str:
 class _Test:
     """Windows kept out; what the base makes of them."""
 
-    def __init__(self, trials: Trials, kept: Gathered, floor: float) -> None:
-        self.trials, self.kept, self.floor = trials, kept, floor
+    def __init__(self, trials: Trials, kept: Gathered, floor: float, *, apart: bool) -> None:
+        self.trials, self.kept, self.floor, self.apart = trials, kept, floor, apart
         self.before = self._followed(trials.screened.base.model)
 
     def evidence(self, named: Refitted) -> list[Evidence]:
@@ -117,6 +122,34 @@ class _Test:
     def gap(self, after: Sequence[Evidence]) -> Shrinkage:
         """How the gap shrinks from the base's."""
         return shrinkage(self.before, after, floor_mm=self.floor, held_out=True)
+
+    def said(self, named: Refitted, after: Sequence[Evidence]) -> Shrinkage:
+        """The same, or how it shrinks in whole recordings replayed, where that shows what windows do not: of what acts slowly they see little."""
+        inside = self.gap(after)
+        if inside.shrinks and inside.closed_fraction is not None:
+            return inside
+        whole = self.replayed(named)
+        return inside if whole is None or whole.closed_fraction is None or not whole.shrinks else whole
+
+    def replayed(self, named: Refitted) -> Shrinkage | None:
+        """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished."""
+        before, after = self._base_replays, self._replays_of(named)
+        boundary, rows = self.trials.screened.base.model.subject.cloth.boundary, []
+        for w in self.kept.windows:
+            b, a = before[w.recording], after[w.recording]
+            if b is not None and a is not None and b.holds(w):
+                each = [1e6 * np.sum(x.residual(self.kept.recordings[w.recording], w, boundary) ** 2, -1) for x in (b, a)]
+                rows.append([*(np.nansum(x) for x in each), np.isfinite(each[0]).sum()])
+        return fallen(np.array(rows), 1e3 * mean(before).floor ** 0.5, held_out=True, replayed=True) if rows else None
+
+    @cached_property
+    def _base_replays(self) -> Sequence[Replay | None]:
+        """Those of the training, or of the recordings held out apart."""
+        trials = self.trials
+        return base_replays(trials.base, (), self.kept, trials.run) if self.apart else trials.replays
+
+    def _replays_of(self, named: Refitted) -> Sequence[Replay | None]:
+        return replayed_by(corrected_model(named), self._base_replays, self.kept, self.trials.run) if self.apart else named.replays
 
     def of_second(self, now: Decided, after: list[Evidence]) -> tuple[Decided, list[Evidence]]:
         """Of two named causes the first, where the second does not help beside it."""

@@ -22,7 +22,7 @@ from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restated, split
-from tasks.gap.held_out import Shrinkage
+from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
@@ -42,8 +42,8 @@ class Diagnosis:
 
     before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
     first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one;
-    replayed: the base over whole recordings. named: the model for motions not seen: with the named effect, unless whole recordings replayed with it came
-    less near than the base's.
+    base, replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen: with the named
+    effect, unless whole recordings replayed with it came less near than the base's.
     """
 
     verdict: Verdict
@@ -60,6 +60,7 @@ class Diagnosis:
     compared: tuple[Window, ...] = ()
     pairs: tuple[Fitted, ...] = ()
     replayed: Replayed | None = None
+    floor_mm: float = np.nan
 
 
 def diagnose(
@@ -104,7 +105,7 @@ def diagnose(
     verdict = decided(trials)
     tell("held-out windows")
     kept = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps) if held_out is not None else held
-    return _concluded(trials, confirmed(trials, verdict, kept), train)
+    return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), train)
 
 
 def _taught(data: Gathered, apart: bool) -> tuple[Gathered, Gathered | None]:
@@ -133,7 +134,7 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
     model, fps = screened.base.model, screened.base.model.subject.fps
     named = found.named
     accel = residual_acceleration(screened.evidence, fps) if named is None else effect_acceleration(named.evidence, verdict.named, fps)
-    final = model if named is None or not comes_nearer(named, trials.replayed) else corrected_model(named)
+    final = trials.base if named is None or not comes_nearer(named, trials.replayed) else corrected_model(named)
     before, after = (np.concatenate([e.residual for e in each if e.residual is not None]) for each in (found.before, found.after))
     frame_mm = _by_frame(screened.evidence, train)
     return Diagnosis(
@@ -145,12 +146,13 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
         accel,
         frame_mm,
         ratios(screened),
-        model,
+        trials.base,
         final,
         screened,
         tuple(e.prediction.window for e in found.before if e.residual is not None),
         found.pairs,
         trials.replayed,
+        floor_mm(screened.evidence, train.recordings),
     )
 
 

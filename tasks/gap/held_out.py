@@ -25,7 +25,8 @@ CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, a
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """√E before, after and floor [mm]; closed fraction with its 90 % interval (None where the gap is at the floor); held out or not.
+    """√E before, after and floor [mm]; closed fraction with its 90 % interval (None where the gap is at the floor); held out or not; in windows, or in
+    recordings replayed in one run.
 
     falls: share of bootstrap draws in which the gap falls. A cause that acts in one window of five (a touch, a turn) is not even drawn in a third of them,
     and there the fraction of what can be closed means nothing; so the interval is for reading, and `shrinks` decides.
@@ -39,6 +40,7 @@ class Shrinkage:
     high: float | None
     held_out: bool
     falls: float = 0.0
+    replayed: bool = False
 
     @property
     def shrinks(self) -> bool:
@@ -67,22 +69,22 @@ def squared(evidence: Evidence) -> tuple[float, int]:
 def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm: float, held_out: bool) -> Shrinkage:
     """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no after."""
     both = [(b, a) for b, a in zip(before, after, strict=True) if b.prediction.complete and a.prediction.complete]
-    E = np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both])
-    if not len(E):
+    if not both:
         alone = np.array([squared(b) for b in before if b.prediction.complete])
         gap = float(np.sqrt(alone[:, 0].sum() / alone[:, 1].sum())) if len(alone) else np.nan
         return Shrinkage(gap, np.nan, floor_mm, None, None, None, held_out)
+    return fallen(np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both]), floor_mm, held_out=held_out)
+
+
+def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False) -> Shrinkage:
+    """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches."""
     draws = np.random.default_rng(0).integers(0, len(E), (DRAWS, len(E)))
-    fallen = _fallen(E[draws].sum(1))
+    sums = E[draws].sum(1)
+    drops = (sums[:, 0] - sums[:, 1]) / sums[:, 2]
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
-    falls = float((fallen > 0).mean())
+    falls = float((drops > 0).mean())
     if b**2 <= CLOSABLE * floor_mm**2:
-        return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls)
+        return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls, replayed)
     closable = b**2 - floor_mm**2  # of all windows: in draws near the floor it vanishes
-    low, high = np.percentile(fallen, LEVEL) / closable
-    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), float(low), float(high), held_out, falls)
-
-
-def _fallen(E: Array) -> Array:
-    """By how much the mean square fell [n] mm², of sums E [n, 3]."""
-    return (E[:, 0] - E[:, 1]) / E[:, 2]
+    low, high = np.percentile(drops, LEVEL) / closable
+    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), float(low), float(high), held_out, falls, replayed)

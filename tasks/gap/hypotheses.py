@@ -44,6 +44,7 @@ NOWHERE: Mapping[str, float] = MappingProxyType({})
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 FORCING = (0.0, *(float(a) for a in np.geomspace(0.03, 10.0, 11)))  # candidates for σ_a [m/s²]
 FORM = 0.1  # relative standard deviation of a strength between implementations of its law: drag of faces or of vertices, angle or tangent of a hinge
+LEFT = 50  # independent numbers that what a window leaves beyond noise is worth: folds that fell otherwise, not thousands of witnesses
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 
@@ -147,7 +148,7 @@ class Forced:
         for k, (G, g) in enumerate(self.scaled(names)):
             if k != left_out:
                 A, b = A + G, b + g
-        return origin + _bounded(A, b, low - origin, high - origin), names
+        return origin + bounded(A, b, low - origin, high - origin), names
 
     def scaled(self, names: Sequence[str]) -> list[tuple[Array, Array]]:
         """G/s_w [P, P] and g/s_w [P] of some columns of every window."""
@@ -202,6 +203,7 @@ class Windows:
         self.given, self.effects, self.origin, self.feigned = list(normals), list(effects), dict(origin), dict(feigned)
         self._losses: dict[tuple[Effect, ...], tuple[float, float]] = {}
         self._medians: dict[tuple[Effect, ...], float] = {}
+        self._unforeseen: dict[tuple[Effect, ...], float] = {}
         self._sizes: dict[float, list[Normals]] = {}
 
     def __len__(self) -> int:
@@ -255,14 +257,27 @@ class Windows:
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
 
-        By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits.
+        By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits. What it makes of a
+        window beyond what derivatives foretold counts in full where the window is explained; where it is not, another simulation leaves another remainder, and
+        of that only the share counts that `LEFT` numbers have.
         """
         there = Windows(normals, self.effects, origin, self.feigned)
         scale = np.maximum(1.0, np.minimum(self.overdispersion, there._allowed(self.overdispersion, effects)))
         there.__dict__ |= {"overdispersion": scale, "noise": self.noise, "base": self.base}
         there._losses[()] = min((Forced(self._at(σ), scale, self.origin).loss(()), σ) for σ in FORCING)
         there._medians[()] = self._dispersion(())
+        there._unforeseen[tuple(effects)] = self._by_chance(there, tuple(effects))
         return there
+
+    def _by_chance(self, there: "Windows", effects: tuple[Effect, ...]) -> float:
+        """By how much misfits fell beyond what derivatives foretold, of that what says nothing."""
+        each = []
+        for windows in (self, there):
+            forced = windows._forced(windows._loss(effects)[1])
+            each.append(forced.misfits(*forced.solve(effects)) / forced.scale)
+        n = np.array([n.n for n in self.given])
+        says = 1 / (1 + (self.overdispersion - 1) * n / LEFT)
+        return float((1 - says) @ (each[0] - each[1]))
 
     def _allowed(self, scale: Array, effects: Sequence[Effect] | None = None) -> Array:
         """Misfit per coordinate [W] with these effects, all by default."""
@@ -286,7 +301,10 @@ class Windows:
 
     def _weigh(self, effect: Effect, beside: tuple[Effect, ...]) -> Weight:
         loss, σ_a = self._loss((*beside, effect))
-        decrease, scores = self._loss(beside)[0] - loss, self._forced(σ_a).scores(effect, beside)
+        decrease, scores = (
+            self._loss(beside)[0] - loss - self._unforeseen.get((*beside, effect), 0.0),
+            self._forced(σ_a).scores(effect, beside),
+        )
         W, own = len(self), scores.dispersion
         ν = W - 1 + KNOWN
         φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)
@@ -312,7 +330,7 @@ def precision(effects: Sequence[Effect]) -> Array:
     return np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for e in effects for s in e.strengths])
 
 
-def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
+def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
     """argmin ½ θᵀAθ − bᵀθ with low ≤ θ ≤ high, by fixing what leaves its range until nothing does."""
     θ, held = np.zeros(len(b)), np.zeros(len(b), bool)
     for _ in range(len(b) + 1):

@@ -12,16 +12,16 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.feigned import without_doubts
 from tasks.gap.gathered import Gathered, jobs, restarted
-from tasks.gap.hypotheses import Fitted, Windows
+from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
-from tasks.gap.replay import BaseReplay, Replayed, of_base, replayed_by, supported
+from tasks.gap.joint_estimate import joint
+from tasks.gap.replay import Replay, Replayed, mean, mean_normals, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import TEMPER, Twins
 
 FAR, FAR_FABRIC = 0.1, 0.25  # change of the leading strength, and of a stiffness' logarithm, by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
 CONTENDER, SHARE = 4.0, 0.3  # and how far behind the strongest: whichever of the difference and of the share of its evidence is more
-NEVER = Replayed(np.nan, np.nan, np.nan)
 TWIN = 0.01  # of evidence, so that of two that are the same the one that was simulated leads
 
 
@@ -33,7 +33,12 @@ class Refitted:
     model: Model
     evidence: tuple[Evidence, ...]
     windows: Windows | None
-    replayed: Replayed = NEVER
+    replays: tuple[Replay | None, ...] = ()
+
+    @property
+    def replayed(self) -> Replayed:
+        """How near its replays come, mean over recordings."""
+        return mean(self.replays)
 
 
 def refitted(
@@ -57,12 +62,18 @@ def refitted(
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
 
 
-def replayed(named: Refitted, base: Sequence[BaseReplay | None], data: Gathered, run: Map = map) -> Refitted:
-    """The same, weighed by how its replays of whole recordings compare with the base's."""
+def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map) -> Refitted:
+    """The same as windows and whole recordings together ask for it, if replays come nearer so, and weighed by how these compare with the base's."""
     if named.windows is None:
         return named
-    whole = replayed_by(corrected_model(named), base, data, run)
-    return replace(named, hypothesis=replace(named.hypothesis, support=supported(of_base(base), whole)), replayed=whole)
+    here = replayed_by(_acting(named.model), base, data, run, columns=True)
+    told, hypothesis, found = mean_normals(here), named.hypothesis, here
+    if told is not None:
+        asked = joint(hypothesis, told, mean(here).gap, named.windows.origin)
+        there = replayed_by(corrected_model(replace(named, hypothesis=asked)), base, data, run)
+        if mean(there).gap < mean(here).gap:
+            hypothesis, found = asked, there
+    return replace(named, hypothesis=replace(hypothesis, support=supported(mean(base), mean(found))), replays=found)
 
 
 def comes_nearer(named: Refitted, base: Replayed) -> bool:
@@ -108,16 +119,19 @@ def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], a
     return chosen
 
 
-def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins, missing: float) -> list[Fitted]:
+def contenders(
+    singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins, missing: float, whole: Mapping[str, float] = NOWHERE
+) -> list[Fitted]:
     """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the strongest.
 
     Of twins one is enough. At most `most`, of the others at least one. missing: log Bayes factor that anything is, by replays: where it is negative, more
-    evidence is asked for.
+    evidence is asked for. whole: name -> the same of a hypothesis as far as derivatives foretell it, which adds to its evidence.
     """
-    strongest, least = max(h.evidence for h in singles), WORTH - min(missing, 0.0) / TEMPER
-    near = [h for h in singles if h.evidence > max(least, strongest - max(CONTENDER, SHARE * strongest))]
+    promise = {h.name: h.evidence + max(whole.get(h.name, 0.0), 0.0) / TEMPER for h in singles}
+    strongest, least = max(promise.values()), WORTH - min(missing, 0.0) / TEMPER
+    near = [h for h in singles if promise[h.name] > max(least, strongest - max(CONTENDER, SHARE * strongest))]
     chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
-    for h in sorted(near, key=lambda h: -h.evidence):
+    for h in sorted(near, key=lambda h: -promise[h.name]):
         if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):
             chosen.append(h)
     return chosen
@@ -125,7 +139,11 @@ def contenders(singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, ali
 
 def corrected_model(named: Refitted) -> Model:
     """The model of a refit after its last linear step."""
-    h, model = named.hypothesis, named.model
+    h, model = named.hypothesis, _acting(named.model)
     fabric = moved(model.subject.fabric, h.base)[0]
-    acting = tuple(e for e in model.effects if e.name in model.strengths)  # the others were there for their tangents
-    return with_fabric(replace(model, effects=acting, strengths={**model.strengths, **{e.name: h.θ(e) for e in h.effects}}), fabric)
+    return with_fabric(replace(model, strengths={**model.strengths, **{e.name: h.θ(e) for e in h.effects}}), fabric)
+
+
+def _acting(model: Model) -> Model:
+    """The model without the effects that are there for their tangents only."""
+    return replace(model, effects=tuple(e for e in model.effects if e.name in model.strengths))

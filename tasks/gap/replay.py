@@ -1,7 +1,8 @@
 """Recordings replayed in one run from their first state: does the model come as near as its own discretisation lets it?
 
-Within a fifth of a second a cause that acts slowly hides behind the uncertain start; over the whole recording it adds up. Replays of cloth diverge from
-one another too, so the yardstick are two other replays, one of them on a finer mesh, each from a start that other errors of tracking would have led to:
+Within a fifth of a second a cause that acts slowly hides behind the uncertain start; over the whole recording it adds up. A replay starts where its first
+frames, up to `LONG_S`, ask for (`shooting.nearer_start`, in `STARTING` smooth modes): a velocity off by 10 mm/s would lead it a centimetre astray. Replays of cloth
+diverge from one another too, so the yardstick are two other replays, one of them on a finer mesh, each from a start that other errors of tracking would have led to:
 
     ratio² = E/E_0,    E = mean |y − x|²,    E_0 = 3σ² + max mean |x_other − x|²    over vertices and frames
 
@@ -19,7 +20,8 @@ E_0 + d² and it by E_0; were nothing missing, the other way round:
 
     log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
 
-with d² less E_0, by which replays that start alike part anyway.
+with d² less E_0, by which replays that start alike part anyway; at most what is left of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two
+causes that both come far nearer than the base, the one that leaves least.
 
 Source: posterior predictive checks (Gelman, Meng & Stern 1996). Limits: says nothing where a replay cannot be finished.
 """
@@ -31,9 +33,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.numerics import on_finer_mesh
-from tasks.cloth.shooting import Job, Map
-from tasks.cloth.start_state import FRAMES, States, states
-from tasks.cloth.windows import Recording, Window, predict
+from tasks.cloth.shooting import Job, Map, follow, nearer_start
+from tasks.cloth.start_state import States, states
+from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import LONG_S, Normals, Prediction, Recording, Window, predict
+from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, restarted
 
@@ -42,7 +46,9 @@ Array = NDArray[np.float64]
 SPREAD = 0.4  # of log ratio² about what it should be
 DISPLACEMENTS = np.geomspace(1.5e-3, 6e-2, 20)  # [m], of causes worth a name
 MOST = (-2.0, 3.0)
-MOST_NAMED = (-3.0, 5.0)  # of a hypothesis' own factor
+MOST_NAMED = (-3.0, 12.0)  # of a hypothesis' own factor
+LEAVES = 0.8  # standard deviation of log ratio² that a cause may leave, for another may stand beside it
+STARTING = 12  # modes in which the start of a replay may be wrong
 
 
 @dataclass(frozen=True)
@@ -69,28 +75,43 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class BaseReplay:
-    """How far a recording's replay by the base is off, and the replay x [L + 1, V, 3] m."""
+class Replay:
+    """How far a recording's replay is off, its frames, the replay x [L + 1, V, 3] m, and about it, in
+    base parameters and effects, E(θ) = c − 2gᵀθ + θᵀGθ [m²]."""
 
     replayed: Replayed
+    window: Window
     x: Array
+    normals: Normals
+
+    def holds(self, window: Window) -> bool:
+        """Whether it passes through a window of its recording."""
+        return self.window.start <= window.start and window.start + window.length <= self.window.start + self.window.length
+
+    def residual(self, recording: Recording, window: Window, boundary: Array) -> Array:
+        """Observed minus replayed [L, V, 3] m in a window that the replay passes through, NaN at driven vertices."""
+        t = window.start - self.window.start
+        return _residual(recording, window, self.x[t : t + window.length + 1], boundary)
 
 
 def supported(base: Replayed, named: Replayed) -> float:
     """Log Bayes factor of a hypothesis against the base by their replays; 0 where they cannot be compared."""
     m = np.log1p(max(named.apart - named.floor, 0.0) / named.floor)
     factor = m * np.log(base.gap / named.gap) / SPREAD**2
-    return float(np.clip(factor, *MOST_NAMED)) if np.isfinite(factor) else 0.0
+    if not np.isfinite(factor):
+        return 0.0
+    low, high = MOST_NAMED
+    return float(np.clip(factor, low, max(low, high - 0.5 * (np.log(max(named.ratio2, 1.0)) / LEAVES) ** 2)))
 
 
-def replays(model: Model, data: Gathered) -> list[Job]:
+def replays(model: Model, data: Gathered, *, columns: bool = False) -> list[Job]:
     """One job per recording: from its first window to the end of its last. What lies between windows is simulated, but not looked at."""
-    found = []
+    found, φ = [], smooth_modes(model.subject.cloth, STARTING)
     for k, recording in enumerate(data.recordings):
         own = [w for w in data.windows if w.recording == k]
         if own:
             whole = Window(k, own[0].start, own[-1].start + own[-1].length - own[0].start)
-            found.append(Job(model, _shown(recording, own), whole, data.states[k], np.zeros((0, 0))))
+            found.append(Job(model, _shown(recording, own), whole, data.states[k], φ, columns=columns))
     return found
 
 
@@ -102,78 +123,125 @@ def _shown(recording: Recording, own: Sequence[Window]) -> Recording:
     return replace(recording, observed=np.where(frames[:, None, None], recording.observed, np.nan))
 
 
-def base_replays(model: Model, data: Gathered, run: Map = map) -> list[BaseReplay | None]:
-    """Of each recording; None where a replay ends early."""
-    todo = replays(model, data)
-    found = list(run(_followed, [(job, *way) for way in ((False, None), (True, 0), (False, 1)) for job in todo]))
-    each = [found[k :: len(todo)] for k in range(len(todo))]
-    return [_beside_others(job, x, others) for job, (x, *others) in zip(todo, each, strict=True)]
+def base_replays(model: Model, effects: Sequence[Effect], data: Gathered, run: Map = map) -> list[Replay | None]:
+    """Of each recording, with derivatives by all effects; None where a replay ends early."""
+    plain = replays(model.joined(effects, {}), data, columns=True)
+    others = replays(model, data)
+    found = list(run(_followed, [(job, False, None) for job in plain] + [(job, *way) for way in ((True, 0), (False, 1)) for job in others]))
+    each = [found[k :: len(plain)] for k in range(len(plain))]
+    return [_beside_others(job, own, others) for job, (own, *others) in zip(plain, each, strict=True)]
 
 
-def replayed_by(model: Model, base: Sequence[BaseReplay | None], data: Gathered, run: Map = map) -> Replayed:
-    """The same of another model, beside the base's floors; mean over recordings that both could finish."""
-    known = [(job, b) for job, b in zip(replays(model, restarted(model, data, run)), base, strict=True) if b is not None]
-    return mean([r for r in run(_beside_base, known) if r is not None])
+def replayed_by(
+    model: Model, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, columns: bool = False
+) -> tuple[Replay | None, ...]:
+    """The same of another model, or fabric, beside the base's floors; columns: with derivatives by its effects."""
+    found = iter(run(_beside_base, _known(model, base, data, run, columns=columns)))
+    return tuple(None if b is None else next(found) for b in base)
 
 
-def of_base(base: Sequence[BaseReplay | None]) -> Replayed:
-    """Mean over recordings."""
-    return mean([b.replayed for b in base if b is not None])
+def _known(model: Model, base: Sequence[Replay | None], data: Gathered, run: Map, *, columns: bool) -> list[tuple[Job, Replay]]:
+    each = zip(replays(model, restarted(model, data, run), columns=columns), base, strict=True)
+    return [(job, b) for job, b in each if b is not None]
 
 
-def mean(each: Sequence[Replayed]) -> Replayed:
+def mean(each: Sequence[Replay | None]) -> Replayed:
     """Over recordings that could be compared."""
-    if not each:
+    known = [r.replayed for r in each if r is not None]
+    if not known:
         return Replayed(np.nan, np.nan, np.nan)
-    return Replayed(*(float(np.mean([getattr(r, key) for r in each])) for key in ("gap", "floor", "apart")))
+    return Replayed(*(float(np.mean([getattr(r, key) for r in known])) for key in ("gap", "floor", "apart")))
 
 
-def _beside_base(job: tuple[Job, BaseReplay]) -> Replayed | None:
+def mean_normals(each: Sequence[Replay | None]) -> Normals | None:
+    """Over recordings that could be compared; None where there are none."""
+    known = [r.normals for r in each if r is not None]
+    if not known:
+        return None
+    G, g, c = (sum(getattr(n, key) for n in known) / len(known) for key in ("G", "g", "c"))
+    return Normals(known[0].names, G, g, c, sum(n.n for n in known))
+
+
+def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
     todo, base = job
-    found = predict(todo.model, todo.recording, todo.window, todo.states)
+    found = _predicted(_well_started(todo), todo.model)
     if not found.complete:
         return None
-    r = _residual(todo, found.x)
-    return Replayed(_mean_square(r), base.replayed.floor, _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)]))
+    r = _of(todo, found.x)
+    apart = _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)])
+    return Replay(Replayed(_mean_square(r), base.replayed.floor, apart), todo.window, found.x, _normals(found, r))
 
 
-def _followed(job: tuple[Job, bool, int | None]) -> Array | None:
-    """The replay [L + 1, V, 3] m, on a finer mesh or not, from the states or from another start; None where it ends early."""
+def _followed(job: tuple[Job, bool, int | None]) -> Prediction | None:
+    """The replay, on a finer mesh or not, from the states or as other errors of tracking would have led it; None where it ends early."""
     todo, finer, seed = job
-    model = on_finer_mesh(todo.model) if finer else todo.model
-    states = todo.states if seed is None else _started_otherwise(todo, seed)
-    found = predict(model, todo.recording, todo.window, states)
-    return found.x[:, : todo.recording.observed.shape[1]] if found.complete else None
+    started = _well_started(todo if seed is None else _seen_otherwise(todo, seed))
+    found = _predicted(started, on_finer_mesh(todo.model) if finer else todo.model)
+    return replace(found, x=found.x[:, : todo.recording.observed.shape[1]]) if found.complete else None
 
 
-def _beside_others(job: Job, x: Array | None, others: Sequence[Array | None]) -> BaseReplay | None:
-    finished = [y for y in others if y is not None]
-    if x is None or not finished:
+def _predicted(job: Job, model: Model) -> Prediction:
+    parameters = job.parameters if job.columns else ()
+    return predict(model, job.recording, job.window, job.states, parameters=parameters, columns=job.columns)
+
+
+def _normals(found: Prediction, r: Array) -> Normals:
+    """E about a replay whose residual is r [L, V, 3] m."""
+    seen = np.isfinite(r)
+    A = np.stack([r[seen], *(column[seen] for column in found.columns.values())], 1)
+    G = A.T @ A / (len(A) / 3)
+    return Normals(tuple(found.columns), G[1:, 1:], G[1:, 0], float(G[0, 0]), len(A))
+
+
+def _beside_others(job: Job, own: Prediction | None, others: Sequence[Prediction | None]) -> Replay | None:
+    finished = [other.x for other in others if other is not None]
+    if own is None or not finished:
         return None
-    r, noise = _residual(job, x), job.recording.noise[job.window.frames][1:]
+    r, noise = _of(job, own.x), job.recording.noise[job.window.frames][1:]
     seen = np.isfinite(r).all(-1)
-    floor = float(3 * np.mean(noise[seen] ** 2) + max(_mean_square((y - x)[1:][seen]) for y in finished))
-    return BaseReplay(Replayed(_mean_square(r), floor), x)
+    floor = float(3 * np.mean(noise[seen] ** 2) + max(_mean_square((y - own.x)[1:][seen]) for y in finished))
+    return Replay(Replayed(_mean_square(r), floor), job.window, own.x, _normals(own, r))
 
 
-def _started_otherwise(job: Job, seed: int) -> States:
-    """The states, the first as it would be found with other errors of tracking added; as they are where it cannot be found."""
-    t, model = job.window.start, job.recording.scene(job.model)
-    first = job.recording.cut(slice(t, t + FRAMES))
+def _first(job: Job) -> Window:
+    """The frames that tell where a replay starts."""
+    return replace(job.window, length=min(job.window.length, round(LONG_S * job.model.subject.fps)))
+
+
+def _well_started(job: Job) -> Job:
+    """The job with the start that its first frames ask for; as it is where they cannot be followed."""
+    first = replace(job, window=_first(job), columns=False)
+    found = follow(first)
+    if not found.prediction.complete:
+        return job
+    start, _ = nearer_start(first, found, found.prediction.x)
+    return replace(job, states=replace(first, start=start).started)
+
+
+def _seen_otherwise(job: Job, seed: int) -> Job:
+    """The job as it would be with other errors of tracking in its first frames, and the states found from them; as it is where these cannot be found."""
+    model, cut = job.recording.scene(job.model), _first(job).frames
+    first = job.recording.cut(cut)
     ε = first.correlation.sample(model.subject.cloth.x_rest, first.noise, model.subject.fps, np.random.default_rng(seed))
     found = states(model, model.driven(first.motion), first.observed + ε, float(np.median(first.noise)))
     if not len(found.x):
-        return job.states
-    x, v = job.states.x.copy(), job.states.v.copy()
-    x[t], v[t] = found.x[0], found.v[0]
-    return States(x, v, job.states.ending)
+        return job
+    observed, x, v = job.recording.observed.copy(), job.states.x.copy(), job.states.v.copy()
+    observed[cut] += ε
+    own = slice(cut.start, cut.start + len(found.x))
+    x[own], v[own] = found.x, found.v
+    return replace(job, recording=replace(job.recording, observed=observed), states=States(x, v, job.states.ending))
 
 
-def _residual(job: Job, x: Array) -> Array:
+def _residual(recording: Recording, window: Window, x: Array, boundary: Array) -> Array:
     """Observed minus replayed [L, V, 3] m, NaN at driven vertices."""
-    r = job.recording.observed[job.window.frames][1:] - x[1:]
-    r[:, job.model.subject.cloth.boundary] = np.nan
+    r = recording.observed[window.frames][1:] - x[1:]
+    r[:, boundary] = np.nan
     return r
+
+
+def _of(job: Job, x: Array) -> Array:
+    return _residual(job.recording, job.window, x, job.model.subject.cloth.boundary)
 
 
 def _mean_square(r: Array) -> float:

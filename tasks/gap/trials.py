@@ -10,21 +10,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from tasks.cloth.shooting import Map
+from tasks.cloth.shooting import Map, moved, with_fabric
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.confusability import confusability
 from tasks.gap.gathered import Gathered
 from tasks.gap.held_out import floor_mm
 from tasks.gap.hypotheses import Fitted
+from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
 from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, moved_on, refitted, replayed, searched
-from tasks.gap.replay import base_replays, of_base
+from tasks.gap.replay import Replay, base_replays, mean, mean_normals, replayed_by
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import twins, with_replays
 
 LEADERS = 3  # contenders that are simulated
 AGAIN = 4  # further simulations of whichever leads
+PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first simulation takes the strength that they ask for too
 DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model
 
 
@@ -41,14 +43,27 @@ class Trials:
         self.after: dict[str, Refitted] = {}
         self.vetoed: frozenset[str] = frozenset()
         tell("replays")
-        self._base = base_replays(screened.base.model, self.train, run)
-        self.replayed = of_base(self._base)
+        found = base_replays(screened.base.model, screened.windows.effects, self.train, run)
+        self._told = mean_normals(found)
+        self.base, self.replays = self._nearer_base(found)
+        self.replayed = mean(self.replays)
+
+    def _nearer_base(self, refitted: Sequence[Replay | None]) -> tuple[Model, Sequence[Replay | None]]:
+        """The base in the fabric that windows and whole recordings together ask for, if replays come nearer so; else as it was refitted."""
+        model = self.screened.base.model
+        if self._told is None:
+            return model, refitted
+        asked = joint(self.screened.windows.base, self._told, mean(refitted).gap)
+        other = with_fabric(model, moved(model.subject.fabric, asked.base)[0])
+        found = replayed_by(other, refitted, self.train, self.run)
+        lost = any(after is None and before is not None for after, before in zip(found, refitted, strict=True))
+        return (model, refitted) if lost or not mean(found).gap < mean(refitted).gap else (other, found)
 
     def simulate(self, hypothesis: Fitted, start: Model | None = None) -> Refitted:
         """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""
         self.tell(f"refit with {hypothesis.name}")
         found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, run=self.run)
-        return replayed(found, self._base, self.train, self.run)
+        return replayed(found, self.replays, self.train, self.run)
 
     @property
     def singles(self) -> list[Fitted]:
@@ -65,12 +80,19 @@ class Trials:
         names = {e.name for e in effects}
         self.vetoed |= names | {n for pair in self.alike if pair & names for n in pair}
 
+    def foretold(self) -> dict[str, tuple[Fitted, float]]:
+        """name -> what windows and whole recordings together ask for, and its log Bayes factor by replays, as far as derivatives about the base tell."""
+        return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
+
     def settle(self, *, quick: bool) -> None:
         """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
         most, missing = 1 if quick else LEADERS, self.replayed.something_missing
-        for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing):
-            self.after[h.name] = self.simulate(h)
+        whole = self.foretold()
+        promise = {name: support for name, (_, support) in whole.items()}
+        for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing, promise):
+            together = h not in seen and promise.get(h.name, 0.0) > PROMISING
+            self.after[h.name] = self.simulate(whole[h.name][0] if together else h)
         afresh: set[str] = set()
         for _ in range(1 if quick else AGAIN):
             leader = self.leader

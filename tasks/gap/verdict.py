@@ -51,7 +51,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Verdict:
-    """kind; the named hypothesis; class of each of its effects; probability; candidates (always with none and outside_library, sum 1)."""
+    """kind; the named hypothesis; class of each of its effects; probability; candidates, likeliest first (always with none and outside_library, sum 1).
+
+    Where motion kept out speaks against what leads, or cannot speak, the first candidate is not what is said.
+    """
 
     kind: Kind
     named: Fitted | None
@@ -121,9 +124,9 @@ def with_replays(missing: float, vetoed: frozenset[str] = frozenset()) -> Callab
     return evidence
 
 
-def _unnamed(first: Candidate, candidates: Sequence[Candidate]) -> Verdict:
-    kind: Kind = "none" if first.names == ("none",) else "outside_library"
-    return Verdict(kind, None, (), first.probability, (first, *(c for c in candidates if c is not first)))
+def _unnamed(said: Candidate, candidates: Sequence[Candidate]) -> Verdict:
+    kind: Kind = "none" if said.names == ("none",) else "outside_library"
+    return Verdict(kind, None, (), said.probability, tuple(candidates))
 
 
 def _classes(
@@ -165,5 +168,10 @@ def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:
 
 
 def abstained(verdict: Verdict) -> Verdict:
-    """None, or outside the library, whichever is likelier, whatever else leads."""
+    """None, or outside the library, whichever is likelier, whatever else leads the ranking."""
     return _unnamed(next(c for c in verdict.ranking if c.fitted is None), verdict.ranking)
+
+
+def nothing_needed(verdict: Verdict) -> Verdict:
+    """None, whatever leads the ranking: there was nothing to explain."""
+    return _unnamed(next(c for c in verdict.ranking if c.names == ("none",)), verdict.ranking)

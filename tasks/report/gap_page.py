@@ -8,7 +8,6 @@ import numpy as np
 from tasks.gap.account import Account, Splits
 from tasks.gap.confusability import SHOWN
 from tasks.gap.diagnosis import Diagnosis
-from tasks.gap.replay import Replayed
 from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
 from tasks.report.page import Figure, Section, Table, page
@@ -17,7 +16,7 @@ from tasks.report.pictures import figure_uri
 
 def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: str, subtitle: str, own: bool = True) -> str:
     """HTML of the public answer, the diagnosis and its account; own: what was held out are ends of the same recordings, not files."""
-    sections = [_verdict(answer, found.replayed)]
+    sections = [_verdict(answer, found)]
     if told.items:
         sections += [
             _budget(told),
@@ -36,8 +35,10 @@ def _plot(canvas: Any, caption: str) -> Figure:
     return Figure(figure_uri(canvas), caption, plot=True)
 
 
-def _verdict(answer: dict[str, Any], replayed: Replayed | None) -> Section:
-    gap, v = answer["gap"], answer["verdict"]
+def _verdict(answer: dict[str, Any], found: Diagnosis) -> Section:
+    gap, v, replayed = answer["gap"], answer["verdict"], found.replayed
+    on = "motion kept out of the fit" if gap["held_out"] else "the training windows"
+    on += ", recordings replayed in one run" if found.shrinkage.replayed else ""
     rows = [
         ["verdict", v["kind"].replace("_", " ")],
         ["probability", v["probability"]],
@@ -46,7 +47,7 @@ def _verdict(answer: dict[str, Any], replayed: Replayed | None) -> Section:
         ["gap after [mm]", gap["after_mm"]],
         ["floor [mm]", gap["floor_mm"]],
         ["closed of what can be closed", _interval(gap["closed_fraction"], gap["low"], gap["high"])],
-        ["measured on", "motion kept out of the fit" if gap["held_out"] else "the training windows"],
+        ["measured on", on],
     ]
     if replayed is not None and np.isfinite(replayed.ratio2):
         rows += [
@@ -117,8 +118,8 @@ def _timeline(found: Diagnosis, told: Account, *, own: bool) -> Section:
         for e in told.evidence
         if e.residual is not None
     ]
-    gap, fps = found.shrinkage, found.base.subject.fps
-    canvas = figures.timeline(training, told.stretches, own=own, held=gap.held_out, fps=fps, floor_mm=gap.floor_mm)
+    held, fps = found.shrinkage.held_out, found.base.subject.fps
+    canvas = figures.timeline(training, told.stretches, own=own, held=held, fps=fps, floor_mm=found.floor_mm)
     caption = "Error of every frame. Blue ground: windows of the fit, before any effect. Amber: windows kept out of it. Every window starts from its own state."
     return Section("When", figures=[_plot(canvas, caption)])
 
@@ -180,11 +181,15 @@ def _same(told: Account) -> bool:
 def _kept(answer: dict[str, Any], found: Diagnosis, told: Account) -> Section:
     held = answer["gap"]["held_out"]
     words = [] if held else ["No window could be kept out of the fit: these are the training windows, and the figures flatter."]
+    if found.shrinkage.replayed:
+        words = [
+            "The verdict rests on recordings replayed in one run, of which these windows were kept out of the fit; each by itself shows less."
+        ]
     caption = "Error of each window with the refitted base and with the named effect, beside the floor."
     if found.verdict.named is None:
         caption = "Error of each window with the refitted base, beside the floor; no effect is named, so after is as before."
     heading = "On motion kept out of the fit" if held else "Before and after"
-    return Section(heading, words, figures=[_plot(figures.kept_out(told.stretches, found.shrinkage.floor_mm), caption)])
+    return Section(heading, words, figures=[_plot(figures.kept_out(told.stretches, found.floor_mm), caption)])
 
 
 def _next(answer: dict[str, Any]) -> Section:

@@ -11,13 +11,15 @@ from tasks.cloth.windows import windows
 from tests.cloth.test_windows import FPS, swung
 
 
+@pytest.mark.parametrize("blind", [True, False])
 @pytest.mark.parametrize("correlation", [INDEPENDENT, Correlation(0.6, 0.1), Correlation(0.6, 0.1, 0.08)])
-def test_whitening_is_the_dense_covariance(correlation):
+def test_whitening_is_the_dense_covariance(correlation, blind):
     rng = np.random.default_rng(0)
     L, V = 4, 7
     rest, fields = rng.uniform(0, 0.3, (V, 3)), rng.standard_normal((4, L, V, 3))
     seen, σ = rng.uniform(size=(L, V)) < 0.8, rng.uniform(0.5, 2, (L, V))
     seen[2] = seen[1]  # what two frames show alike is foretold better in the second
+    seen[0] &= not blind  # a frame may show nothing at all
     white, logdet = whitened(fields, seen, σ, rest, correlation, FPS)
     R = dense(rest, correlation, L)[np.ix_(seen.ravel(), seen.ravel())] * np.outer(σ[seen], σ[seen])
     flat = fields[:, seen]  # [4, seen, 3]

@@ -8,6 +8,7 @@ import pytest
 
 from tasks.gap import confirmation
 from tasks.gap.confirmation import CHANCES, confirmed, decided
+from tasks.gap.held_out import fallen
 from tasks.gap.refits import Refitted
 from tests.gap.test_held_out import evidence
 from tests.gap.test_hypotheses import EFFECTS
@@ -20,9 +21,10 @@ FLOOR, BASE = 1.0, 10.0  # mm
 
 @pytest.fixture
 def put(monkeypatch):
-    """Evidence of each effect on the training windows and mm of each hypothesis on windows kept out -> what is confirmed, and the trials."""
+    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, and `whole`: how replays compare there -> what is
+    confirmed, and the trials."""
 
-    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE):
+    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, whole=None):
         t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))
         t.screened.hypotheses = tuple(
             replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
@@ -36,7 +38,8 @@ def put(monkeypatch):
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
         monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, base)))
-        return confirmed(t, decided(t), kept), t
+        monkeypatch.setattr(confirmation._Test, "replayed", lambda self, named: (whole or {}).get(named.hypothesis.name))
+        return confirmed(t, decided(t), kept, apart=False), t
 
     return run
 
@@ -84,8 +87,8 @@ def test_of_what_forms_a_class_with_it_the_others_are_asked(put):
 
 
 def test_motion_that_is_at_its_floor_already_says_nothing(put):
-    before, _ = put({FRICTION: 20.0}, {}, kept=None)
-    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.05}, base=1.0)
+    before, _ = put({FRICTION: 20.0}, {}, kept=None, doubt=0.9)
+    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.05}, base=1.0, doubt=0.9)
     assert after.verdict.kind == "none" and after.named is None and not trials.vetoed
     assert after.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit there is nothing to close"
     assert _of(after.verdict, FRICTION) == _of(before.verdict, FRICTION)
@@ -93,6 +96,25 @@ def test_motion_that_is_at_its_floor_already_says_nothing(put):
 
 def _of(verdict, name):
     return next(c.probability for c in verdict.ranking if name in c.names)
+
+
+def replays(before, after, floor):
+    return fallen(np.array([[before**2, after**2, 1.0]] * 3), floor, held_out=True, replayed=True)
+
+
+@pytest.mark.parametrize("base", [1.0, 10.0])
+def test_what_windows_do_not_show_replays_may(put, base):
+    slow = {FRICTION: replays(30.0, 6.0, 5.0)}
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, whole=slow)
+    assert found.verdict.classes == ((FRICTION,),) and found.gap is slow[FRICTION] and found.gap.replayed
+    for says_nothing in (replays(30.0, 29.0, 5.0), replays(5.2, 1.0, 5.0), None):
+        found, _ = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, whole={FRICTION: says_nothing})
+        assert found.named is None and not found.gap.replayed
+
+
+def test_where_windows_show_it_they_are_what_is_told(put):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 3.0}, whole={FRICTION: replays(30.0, 6.0, 5.0)})
+    assert found.gap.after_mm == pytest.approx(3.0, rel=0.05) and not found.gap.replayed
 
 
 def test_of_many_names_only_a_few_are_put_to_it(put):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders
-from tasks.gap.replay import Replayed
+from tasks.gap.replay import Replay, Replayed
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 NOBODY = frozenset()
@@ -25,6 +25,16 @@ def test_more_evidence_is_asked_for_where_replays_say_that_nothing_is_missing():
     friction = ranked({"contact_friction": 0.3})[0]
     weak = replace(friction, weights=(replace(friction.weights[0], likelihood=2.0, prior=0.0),))
     assert [contenders([weak], [], 3, NOBODY, missing) for missing in (3.0, 0.0, -0.5, -2.0)] == [[weak], [weak], [weak], []]
+
+
+def test_what_whole_recordings_ask_for_is_refitted_though_windows_hardly_do():
+    singles = ranked({"contact_friction": 0.3})
+    tilt = next(h for h in singles if h.name == "gravity_tilt")
+    assert tilt not in contenders(singles, [], 3, NOBODY, 3.0)
+    assert contenders(singles, [], 3, NOBODY, 3.0, {tilt.name: 12.0 + singles[0].evidence})[0] is tilt
+    assert (
+        contenders(singles, [], 3, NOBODY, 3.0, {singles[0].name: -1e3})[0] is singles[0]
+    )  # of what derivatives foretell, only what speaks for it
 
 
 def test_of_twins_one_is_refitted():
@@ -58,8 +68,12 @@ def test_a_twin_of_what_was_simulated_does_not_lead_by_what_it_was_before():
     assert told[damping.name].forcing == 0.5
 
 
+def replay(replayed):
+    return Replay(replayed, None, np.zeros((1, 1, 3)), None)
+
+
 def test_only_what_came_nearer_over_whole_recordings_predicts_others():
     base = Replayed(4e-6, 1e-6)
-    nearer, further = (Refitted(None, None, (), None, Replayed(gap, 1e-6)) for gap in (3e-6, 5e-6))
+    nearer, further = (Refitted(None, None, (), None, (replay(Replayed(gap, 1e-6)), None)) for gap in (3e-6, 5e-6))
     assert comes_nearer(nearer, base) and not comes_nearer(further, base)
     assert comes_nearer(Refitted(None, None, (), None), base)  # could not be replayed

@@ -11,7 +11,7 @@ from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.hypotheses import FORM, Windows, log_averaged
-from tasks.gap.verdict import abstained, first_alone, judge
+from tasks.gap.verdict import abstained, first_alone, judge, nothing_needed
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -191,6 +191,20 @@ def test_normal_equations_about_a_strength_say_the_same():
         assert again.evidence == pytest.approx(here.evidence, abs=1e-3)
 
 
+@pytest.mark.parametrize(("left", "least", "most"), [(0.0, 0.8, 1.2), (2.0, 0.0, 0.1)])
+def test_what_another_simulation_leaves_of_a_window_that_nobody_explains_hardly_counts(left, least, most):
+    """The simulation with an effect leaves more of one window than derivatives foretold: evidence against it only where windows are explained."""
+    drag = EFFECTS[0]
+    w = windows(np.random.default_rng(11), truth={drag.name: 6.0})
+    w.given[0] = replace(w.given[0], c=w.given[0].c * (1 + left))
+    worse = [replace(n, c=n.c + 0.5 * n.n * (k == 0)) for k, n in enumerate(w.given)]
+    same, after = (w.about(n, [drag], {}).fit([drag]).weights[0] for n in (w.given, worse))
+    foretold = w.fit([drag]).weights[0]
+    assert same.decrease == pytest.approx(foretold.decrease)
+    lost = 0.5 * w.given[0].n / w.overdispersion[0]
+    assert least * lost < same.decrease - after.decrease < most * lost
+
+
 def test_what_motion_kept_out_vetoes_weighs_a_hundredth_of_its_prior_and_is_not_named():
     w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
     singles = [w.fit([e]) for e in EFFECTS]
@@ -214,8 +228,15 @@ def test_who_abstains_says_what_else_is_likelier():
     w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
     named = judge([w.fit([e]) for e in EFFECTS], unexplained=0.0)
     after = abstained(named)
-    assert after.kind == "none" and after.named is None and after.ranking[0].names == ("none",)
-    assert after.probability == own(named, "none") and len(after.ranking) == len(named.ranking)
+    assert after.kind == "none" and after.named is None
+    assert after.probability == own(named, "none") and after.ranking == named.ranking and after.ranking[0].names == ("contact_friction",)
+
+
+def test_where_nothing_is_needed_none_is_said_though_outside_be_likelier():
+    named = judge([windows(np.random.default_rng(12), truth={"contact_friction": 0.3}).fit([e]) for e in EFFECTS], unexplained=0.9)
+    assert abstained(named).kind == "outside_library"
+    after = nothing_needed(named)
+    assert after.kind == "none" and after.probability == own(named, "none") and after.ranking == named.ranking
 
 
 def own(verdict, name):

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.start_state import states
-from tasks.cloth.windows import windows
+from tasks.cloth.start_state import States, states
+from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import predict, windows
 from tasks.effects.library import library
 from tasks.gap import replay
 from tasks.gap.gathered import Gathered
-from tasks.gap.replay import Replayed, base_replays, of_base, replayed_by, supported
+from tasks.gap.replay import Replayed, base_replays, mean, mean_normals, replayed_by, replays, supported
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -36,13 +37,13 @@ def blown():
 def test_a_replay_of_the_model_itself_stays_at_its_floor():
     model, recording, *_ = swung(25, noise=NOISE)
     data = gathered(model, recording)
-    assert of_base(base_replays(model, data)).ratio2 < 2.0
+    assert mean(base_replays(model, (), data)).ratio2 < 2.0
 
 
 def test_a_wind_that_the_model_lacks_shows_and_is_gone_once_it_is_added(blown):
     model, windy, data = blown
-    base = base_replays(model, data)
-    without, with_it = of_base(base), replayed_by(windy, base, data)
+    base = base_replays(model, (), data)
+    without, with_it = mean(base), mean(replayed_by(windy, base, data))
     assert without.ratio2 > 10 and with_it.ratio2 < 2.0, (without, with_it)
     assert supported(without, with_it) > 4
     assert with_it.apart == pytest.approx(without.gap, rel=0.3)  # the wind is all that is between the two replays
@@ -50,22 +51,60 @@ def test_a_wind_that_the_model_lacks_shows_and_is_gone_once_it_is_added(blown):
 
 def test_the_yardstick_is_the_farther_of_two_replays(blown, monkeypatch):
     model, _, data = blown
-    whole = of_base(base_replays(model, data))
+    whole = mean(base_replays(model, (), data))
     near = replay._followed
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[1] else near(job))
-    own = of_base(base_replays(model, data))
+    own = mean(base_replays(model, (), data))
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] == 1 else near(job))
-    finer = of_base(base_replays(model, data))
+    finer = mean(base_replays(model, (), data))
     assert own.floor != finer.floor and whole.floor == max(own.floor, finer.floor) and whole.gap == own.gap
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] is not None else near(job))
-    assert np.isnan(of_base(base_replays(model, data)).floor)
+    assert np.isnan(mean(base_replays(model, (), data)).floor)
+
+
+def test_a_replay_starts_where_its_first_frames_ask_for():
+    """States that are off by 40 mm/s along a smooth mode: a replay that believed them ends centimetres away."""
+    model, recording, *_ = swung(25, noise=NOISE)
+    data = gathered(model, recording)
+    (walked,) = data.states
+    φ = smooth_modes(model.subject.cloth, 1)[0]
+    v = walked.v.copy()
+    v[0, :, 2] += 0.04 * φ
+    wrong = replace(data, states=(States(walked.x, v, walked.ending),))
+    (job,) = replays(model, wrong)
+    believed = predict(model, job.recording, job.window, job.states)
+    off = np.nanmean(np.sum((recording.observed[1:] - believed.x[1:]) ** 2, -1))
+    found, right = (mean(base_replays(model, (), d)).gap for d in (wrong, data))
+    assert off > 2.5 * right and found < 1.5 * right, (off, found, right)
+
+
+def test_derivatives_of_replays_foretell_what_adding_the_cause_does(blown):
+    model, windy, data = blown
+    without = base_replays(model, [WIND], data)
+    told, w = mean_normals(without), np.array([0.05, 0.0])
+    little = replayed_by(replace(windy, strengths={WIND.name: w}), without, data)
+    i = told.index(WIND.columns)
+    foretold = told.c - 2 * told.g[i] @ w + w @ told.G[np.ix_(i, i)] @ w
+    gained = told.c - mean(little).gap
+    assert gained > 0.1 * told.c and told.c - foretold == pytest.approx(gained, rel=0.1)  # its start is corrected anew
+
+
+def test_a_replay_is_compared_in_any_window_that_it_passes_through(blown):
+    model, _, data = blown
+    few = data.only(data.windows[1::2])
+    (whole,) = base_replays(model, (), few)
+    boundary = model.subject.cloth.boundary
+    own = [whole.residual(data.recordings[0], w, boundary) for w in few.windows]
+    assert all(whole.holds(w) for w in few.windows) and not whole.holds(data.windows[0])
+    assert np.nanmean(np.sum(np.concatenate(own) ** 2, -1)) == pytest.approx(whole.replayed.gap, rel=0.2)
+    assert np.isnan(own[0][:, boundary]).all()
 
 
 def test_replays_that_cannot_be_finished_say_nothing(blown):
     model, _, data = blown
-    nothing = of_base([None])
+    nothing = mean([None])
     assert np.isnan(nothing.ratio2)
-    assert np.isnan(replayed_by(model, [None], data).gap)
+    assert np.isnan(mean(replayed_by(model, [None], data)).gap) and mean_normals([None]) is None
     assert nothing.something_missing == 0.0
     assert supported(nothing, Replayed(1e-6, 1e-6)) == supported(Replayed(1e-6, 1e-6), nothing) == 0.0
 
@@ -78,7 +117,7 @@ def test_what_lies_between_the_windows_is_not_looked_at(blown):
     observed = recording.observed.copy()
     observed[hidden][1:-1] += 1.0  # metres
     spoilt = replace(few, recordings=(replace(recording, observed=observed),))
-    assert of_base(base_replays(model, spoilt)) == of_base(base_replays(model, few))
+    assert mean(base_replays(model, (), spoilt)) == mean(base_replays(model, (), few))
 
 
 def test_a_hypothesis_is_supported_by_coming_nearer_as_far_as_it_moves_the_cloth():
@@ -86,6 +125,12 @@ def test_a_hypothesis_is_supported_by_coming_nearer_as_far_as_it_moves_the_cloth
     nearer, as_far, further = (supported(base, Replayed(gap, 2e-6, 9e-6)) for gap in (2e-6, 9e-6, 18e-6))
     assert nearer > 4 and as_far == 0.0 and further < -2
     assert supported(base, Replayed(2e-6, 2e-6, 1e-6)) == 0.0  # chance alone sets replays as far apart
+
+
+def test_of_two_that_come_far_nearer_the_one_that_leaves_less_is_supported_more():
+    base = Replayed(100e-6, 1e-6)
+    little, more, most = (supported(base, Replayed(gap, 1e-6, 100e-6)) for gap in (1e-6, 4e-6, 16e-6))
+    assert 12.0 == little > more > most > 5.0
 
 
 def test_what_is_at_the_floor_speaks_for_nothing_and_above_it_for_something():

@@ -7,7 +7,7 @@ import pytest
 
 from tasks.gap.answer import sentence
 from tasks.gap.held_out import Shrinkage
-from tasks.gap.verdict import Verdict
+from tasks.gap.verdict import Candidate, Verdict
 
 
 def told(before, floor, fraction):
@@ -28,6 +28,13 @@ def test_a_name_that_takes_the_place_of_another_says_so():
     ]
     assert "(floor 1.0 mm); the cause is drag (probability 70%); with it" in told[0]
     assert "; friction leads, but no, so of what is left the cause is drag (probability 70%); with it" in told[1]
+
+
+def test_what_motion_kept_out_says_nothing_of_is_still_told():
+    gap = Shrinkage(2.6, 2.6, 2.8, None, None, None, True)
+    ranking = (Candidate(("drag", "lag"), 0.9, object()), Candidate(("none",), 0.1))
+    found = SimpleNamespace(verdict=Verdict("none", None, (), 0.1, ranking, "drag leads, but no"), shrinkage=gap)
+    assert "; drag leads, but no, so nothing is named (none: probability 10%; drag or lag: 90%)." in sentence(found)
 
 
 @pytest.mark.parametrize("reason", ["4 windows are too few"])

@@ -24,7 +24,8 @@ class Rehearsed(Trials):
         self.train, self.effects, self.run, self.tell = None, EFFECTS, map, print
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
-        self.after, self.replayed = {}, SimpleNamespace(something_missing=0.0)
+        self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
+        self.promised = {}
         self.asked, self.finds, self.left, self.windows = [], finds, doubt, ()
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
 
@@ -42,6 +43,12 @@ class Rehearsed(Trials):
         told = {e.name: hypothesis.θ(e) for e in hypothesis.effects}
         model = SimpleNamespace(name=f"{origin}+", strength=lambda e: told[e.name])
         return Refitted(found, model, self.windows, windows=())
+
+    def foretold(self):
+        return {
+            h.name: (replace(h, strengths=dict.fromkeys(h.strengths, 7.0)), self.promised.get(h.name, 0.0))
+            for h in self.screened.hypotheses
+        }
 
     def doubt(self, pairs=()):
         return self.left
@@ -85,3 +92,14 @@ def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
     t.settle(quick=True)
     assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
+
+
+@pytest.mark.parametrize("promised", [0.0, 20.0])
+def test_what_whole_recordings_promise_is_simulated_at_the_strength_that_they_ask_for(monkeypatch, promised):
+    told = []
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (7.0, 20.0 if name == FRICTION else 1.0))
+    t.promised = {FRICTION: promised}
+    simulate = t.simulate
+    monkeypatch.setattr(t, "simulate", lambda h, start=None: told.append(h.strengths[FRICTION]) or simulate(h, start))
+    t.settle(quick=True)
+    assert (told[0] == 7.0) == bool(promised)

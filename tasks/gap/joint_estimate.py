@@ -1,0 +1,56 @@
+"""Fabric and strengths from windows and from whole recordings together.
+
+    θ = argmin  ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n E(θ)/(2 E₁)
+
+θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/SPREAD² independent numbers, as many as
+make log E scatter by what is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another size hides there behind start states and
+forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have the say.
+
+Source: Tarantola 2005, § 3.2 (a Gaussian prior and linear data). Limits: derivatives over seconds of cloth may lead anywhere, so that a joint estimate counts
+only where a replay with it comes nearer.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.windows import Normals
+from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded, precision
+from tasks.gap.replay import SPREAD, Replayed, supported
+
+WORTH = 2 / SPREAD**2  # independent numbers that replays are worth
+LEAST = 0.25  # of the floor, below which no replay is foretold to come
+
+
+def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float] = NOWHERE) -> Fitted:
+    """The hypothesis that windows and replays together ask for. told: E(θ) [m²] about the strengths `origin` and the fabric of the replay, where E is `off` [m²]."""
+    columns, p = list(windows.strengths), len(PARAMETERS)
+    i = told.index([*PARAMETERS, *columns])
+    at = np.array([0.0] * p + [origin.get(c, 0.0) for c in columns])
+    θ_w = np.concatenate([windows.base, list(windows.strengths.values())])
+    seen = block_diag(*(np.linalg.pinv(C, hermitian=True) for C in (windows.base_covariance, windows.covariance)))
+    G, g = told.G[np.ix_(i, i)] * WORTH / off, told.g[i] * WORTH / off
+    A, b = seen + G + np.diag(precision(windows.effects)), seen @ θ_w + g + G @ at
+    strengths = [s for e in windows.effects for s in e.strengths]
+    low, high = (np.array([end] * p + [getattr(s, key) for s in strengths]) for end, key in ((-np.inf, "low"), (np.inf, "high")))
+    θ, C = bounded(A, b, low, high), np.linalg.pinv(A, hermitian=True)
+    doubt = np.diag((FORM * θ[p:]) ** 2)
+    return replace(
+        windows,
+        base=θ[:p],
+        base_covariance=C[:p, :p],
+        strengths=dict(zip(columns, map(float, θ[p:]), strict=True)),
+        covariance=C[p:, p:] + doubt,
+    )
+
+
+def foretold(windows: Fitted, told: Normals, base: Replayed) -> tuple[Fitted, float]:
+    """The joint hypothesis about the base's replays, and its log Bayes factor by them as far as derivatives tell."""
+    h = joint(windows, told, base.gap)
+    i = told.index([*PARAMETERS, *h.strengths])
+    θ, G = np.concatenate([h.base, list(h.strengths.values())]), told.G[np.ix_(i, i)]
+    E = told.c - 2 * told.g[i] @ θ + θ @ G @ θ
+    return h, supported(base, Replayed(max(E, LEAST * base.floor), base.floor, float(θ @ G @ θ)))

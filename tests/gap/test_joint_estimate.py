@@ -1,0 +1,79 @@
+"""Windows and whole recordings together: whichever knows, says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.windows import Normals
+from tasks.effects.library import library
+from tasks.gap.hypotheses import Fitted
+from tasks.gap.joint_estimate import WORTH, foretold, joint
+from tasks.gap.replay import Replayed, supported
+
+TILT = library()["gravity_tilt"]
+NAMES = (*PARAMETERS, *TILT.columns)
+WINDOWS = np.array([0.1, -0.1, 0.02, 0.0])
+WHOLE = np.array([0.2, 0.3, 0.08, -0.03])
+FLOOR = 4e-6  # m²
+
+
+def fitted(sd):
+    C = np.diag(np.full(4, sd) ** 2)
+    return Fitted((TILT,), WINDOWS[:2], C[:2, :2], dict(zip(TILT.columns, WINDOWS[2:])), C[2:, 2:], np.zeros(1), ())
+
+
+def told(about=0.0):
+    """E(θ) = FLOOR + |J (θ − WHOLE)|² about some strengths, as `Replay.normals` has it."""
+    J = np.random.default_rng(0).standard_normal((30, 4)) * [0.1, 0.1, 0.3, 0.3]
+    G, δ = J.T @ J / 30, WHOLE - about
+    return Normals(NAMES, G, G @ δ, float(FLOOR + δ @ G @ δ), 90)
+
+
+def values(h):
+    return np.concatenate([h.base, list(h.strengths.values())])
+
+
+def test_where_windows_know_nothing_replays_say():
+    np.testing.assert_allclose(values(joint(fitted(1e3), told(), FLOOR)), WHOLE, rtol=0.01)
+
+
+def test_where_windows_are_sure_they_say():
+    np.testing.assert_allclose(values(joint(fitted(1e-6), told(), FLOOR)), WINDOWS, atol=1e-6)
+
+
+def test_between_them_it_is_the_least_squares_of_both():
+    n, sd = told(), np.array([0.1, 0.1, 0.01, 0.01])
+    h = replace(fitted(1.0), base_covariance=np.diag(sd[:2] ** 2), covariance=np.diag(sd[2:] ** 2))
+    L = np.linalg.cholesky(n.G * WORTH / FLOOR)
+    ridge = np.array([0.5, 0.5, *(3 * np.array(TILT.typical))])
+    A = np.vstack([np.diag(1 / sd), L.T, np.diag(1 / ridge)])
+    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * WORTH / FLOOR), np.zeros(4)])
+    np.testing.assert_allclose(values(joint(h, n, FLOOR)), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
+
+
+def test_far_from_the_recording_replays_say_little():
+    near, far = (values(joint(fitted(0.05), told(), off)) for off in (FLOOR, 1e4 * FLOOR))
+    assert np.linalg.norm(far - WINDOWS) < 0.05 * np.linalg.norm(near - WINDOWS)
+
+
+def test_about_strengths_that_were_simulated_it_is_the_same_answer():
+    at = np.array([0.0, 0.0, 0.05, 0.01])
+    origin = dict(zip(TILT.columns, at[2:]))
+    np.testing.assert_allclose(values(joint(fitted(0.05), told(at), FLOOR, origin)), values(joint(fitted(0.05), told(), FLOOR)), rtol=1e-6)
+
+
+def test_strengths_stay_within_their_range():
+    high = np.array([s.high for s in TILT.strengths])
+    beyond = replace(fitted(1e3), strengths=dict(zip(TILT.columns, 5 * high)), covariance=1e-12 * np.eye(2))
+    assert (np.array(list(joint(beyond, told(), FLOOR).strengths.values())) <= high + 1e-12).all()
+
+
+def test_what_derivatives_foretell_is_weighed_as_a_replay_would_be():
+    n = told()
+    h, support = foretold(fitted(1e3), n, Replayed(n.c, FLOOR))
+    θ = values(h)
+    E = FLOOR + (θ - WHOLE) @ n.G @ (θ - WHOLE)
+    assert support == pytest.approx(supported(Replayed(n.c, FLOOR), Replayed(E, FLOOR, θ @ n.G @ θ))) and support > 5
+    assert foretold(fitted(1e-6), n, Replayed(n.c, FLOOR))[1] < support
