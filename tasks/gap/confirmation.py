@@ -124,12 +124,15 @@ class _Test:
         return shrinkage(self.before, after, floor_mm=self.floor, held_out=True)
 
     def said(self, named: Refitted, after: Sequence[Evidence]) -> Shrinkage:
-        """The same, or how it shrinks in whole recordings replayed, where that shows what windows do not: of what acts slowly they see little."""
+        """The same, or how it shrinks in whole recordings replayed: where it shrinks there only, for of what acts slowly windows see little, and where windows
+        have nothing to close, but replays have."""
         inside = self.gap(after)
-        if inside.shrinks and inside.closed_fraction is not None:
+        at_floor = inside.closed_fraction is None and bool(np.isfinite(inside.after_mm))
+        if inside.shrinks and not at_floor:
             return inside
         whole = self.replayed(named)
-        return inside if whole is None or whole.closed_fraction is None or not whole.shrinks else whole
+        speaks = whole is not None and whole.closed_fraction is not None
+        return whole if speaks and (at_floor or whole.shrinks) else inside
 
     def replayed(self, named: Refitted) -> Shrinkage | None:
         """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished."""
