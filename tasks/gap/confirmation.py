@@ -136,14 +136,14 @@ class _Test:
 
     def replayed(self, named: Refitted) -> Shrinkage | None:
         """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished."""
-        before, after = self._base_replays, self._replays_of(named)
+        before, after = (_by_recording(each) for each in (self._base_replays, self._replays_of(named)))
         boundary, rows = self.trials.screened.base.model.subject.cloth.boundary, []
         for w in self.kept.windows:
-            b, a = before[w.recording], after[w.recording]
+            b, a = before.get(w.recording), after.get(w.recording)
             if b is not None and a is not None and b.holds(w):
                 each = [1e6 * np.sum(x.residual(self.kept.recordings[w.recording], w, boundary) ** 2, -1) for x in (b, a)]
                 rows.append([*(np.nansum(x) for x in each), np.isfinite(each[0]).sum()])
-        return fallen(np.array(rows), 1e3 * mean(before).floor ** 0.5, held_out=True, replayed=True) if rows else None
+        return fallen(np.array(rows), 1e3 * mean(self._base_replays).floor ** 0.5, held_out=True, replayed=True) if rows else None
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:
@@ -169,3 +169,8 @@ class _Test:
         φ = smooth_modes(model.subject.cloth, MODES)
         run, prior = self.trials.run, self.trials.screened.base.prior
         return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run), φ, prior=prior)))
+
+
+def _by_recording(replays: Sequence[Replay | None]) -> dict[int, Replay]:
+    """Recordings of which no window was left have none."""
+    return {r.window.recording: r for r in replays if r is not None}

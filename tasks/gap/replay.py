@@ -8,8 +8,9 @@ diverge from one another too, so the yardstick are two other replays, one of the
 
 The farther of two, for one alone may have parted little by chance: of six of a null skirt, on either mesh, the nearest ended 4.9 mm off, the farthest 10.6.
 
-About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing, not what: no
-derivative holds that long. As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform over `DISPLACEMENTS`,
+About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing; what, its derivatives
+foretell roughly, for few hold that long (`joint_estimate.py`). As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform
+over `DISPLACEMENTS`,
 
     log ⟨N(log ratio²; log(1 + d²/E_0))⟩_d − log N(log ratio²; 0),    within `MOST`: folds fall one way or the other by chance
 

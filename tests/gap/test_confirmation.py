@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tasks.cloth.windows import Window
 from tasks.gap import confirmation
 from tasks.gap.confirmation import CHANCES, confirmed, decided
 from tasks.gap.held_out import fallen
 from tasks.gap.refits import Refitted
+from tasks.gap.replay import Replay, Replayed
 from tests.gap.test_held_out import evidence
 from tests.gap.test_hypotheses import EFFECTS
 from tests.gap.test_trials import Rehearsed
@@ -116,6 +118,26 @@ def test_what_windows_do_not_show_replays_may(put, base):
 def test_what_helps_in_neither_loses_its_name(put, base):
     found, trials = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, whole={FRICTION: replays(30.0, 29.0, 5.0)})
     assert found.named is None and trials.vetoed == {FRICTION} and found.verdict.reason.endswith("the gap hardly shrinks")
+
+
+def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of():
+    """The first recording has no window that teaches: the only replay is the second's."""
+    V, boundary = 3, np.array([0])
+    still, moved = np.zeros((9, V, 3)), np.full((9, V, 3), 3e-3)  # 5.2 mm off
+
+    def of(x):
+        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, None),)
+
+    recordings = tuple(SimpleNamespace(observed=np.full((12, V, 3), offset)) for offset in (1.0, 3e-3))
+    kept = SimpleNamespace(windows=[Window(0, 4, 3), Window(1, 4, 3), Window(1, 8, 3)], recordings=recordings)
+    cloth = SimpleNamespace(boundary=boundary)
+    base = SimpleNamespace(model=SimpleNamespace(subject=SimpleNamespace(cloth=cloth)), prior=None)
+    trials = SimpleNamespace(screened=SimpleNamespace(base=base), replays=of(still), run=map)
+    test = confirmation._Test.__new__(confirmation._Test)
+    test.trials, test.kept, test.apart = trials, kept, False
+    gap = test.replayed(SimpleNamespace(replays=of(moved)))
+    assert gap.before_mm == pytest.approx(3 * 3**0.5) and gap.after_mm == 0.0 and gap.floor_mm == pytest.approx(2.0)
+    assert test.replayed(SimpleNamespace(replays=(None,))) is None
 
 
 def test_where_windows_show_it_they_are_what_is_told(put):
