@@ -135,15 +135,23 @@ class _Test:
         return whole if speaks and (at_floor or whole.shrinks) else inside
 
     def replayed(self, named: Refitted) -> Shrinkage | None:
-        """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished."""
-        before, after = (_by_recording(each) for each in (self._base_replays, self._replays_of(named)))
+        """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished.
+
+        Where what is named moves them by no more than they part by chance, the gap counts as unchanged: it might have fallen for anything.
+        """
+        base, found = self._base_replays, self._replays_of(named)
+        before, after = _by_recording(base), _by_recording(found)
         boundary, rows = self.trials.screened.base.model.subject.cloth.boundary, []
         for w in self.kept.windows:
             b, a = before.get(w.recording), after.get(w.recording)
             if b is not None and a is not None and b.holds(w):
                 each = [1e6 * np.sum(x.residual(self.kept.recordings[w.recording], w, boundary) ** 2, -1) for x in (b, a)]
                 rows.append([*(np.nansum(x) for x in each), np.isfinite(each[0]).sum()])
-        return fallen(np.array(rows), 1e3 * mean(self._base_replays).floor ** 0.5, held_out=True, replayed=True) if rows else None
+        if not rows:
+            return None
+        floor, apart = mean(base).floor, mean(found).apart
+        gap = fallen(np.array(rows), 1e3 * floor**0.5, held_out=True, replayed=True)
+        return gap if apart > floor else unchanged(gap)
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:

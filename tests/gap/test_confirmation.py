@@ -125,8 +125,8 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     V, boundary = 3, np.array([0])
     still, moved = np.zeros((9, V, 3)), np.full((9, V, 3), 3e-3)  # 5.2 mm off
 
-    def of(x):
-        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, None),)
+    def of(x, apart=9e-6):
+        return (Replay(Replayed(1.0, 4e-6, apart), Window(1, 2, 8), x, None),)
 
     recordings = tuple(SimpleNamespace(observed=np.full((12, V, 3), offset)) for offset in (1.0, 3e-3))
     kept = SimpleNamespace(windows=[Window(0, 4, 3), Window(1, 4, 3), Window(1, 8, 3)], recordings=recordings)
@@ -138,6 +138,10 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     gap = test.replayed(SimpleNamespace(replays=of(moved)))
     assert gap.before_mm == pytest.approx(3 * 3**0.5) and gap.after_mm == 0.0 and gap.floor_mm == pytest.approx(2.0)
     assert test.replayed(SimpleNamespace(replays=(None,))) is None
+    by_chance = test.replayed(
+        SimpleNamespace(replays=of(moved, apart=3e-6))
+    )  # no farther from the base's than replays that start otherwise
+    assert gap.shrinks and not by_chance.shrinks and by_chance.after_mm == gap.before_mm and by_chance.closed_fraction == 0.0
 
 
 def test_where_windows_show_it_they_are_what_is_told(put):
