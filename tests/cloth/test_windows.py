@@ -281,3 +281,14 @@ def test_a_window_meets_the_collider_of_its_own_recording(panel):
     plain, other = (predict(m, recording, Window(0, 2, 3), known) for m in (model, elsewhere))
     assert other.complete
     np.testing.assert_array_equal(plain.x, other.x)
+
+
+def test_what_a_tracker_makes_of_some_frames_is_what_it_makes_of_all_while_the_others_stand_still(panel):
+    model, _, x, _ = panel
+    model = replace(model, effects=(SMOOTHING,), strengths={SMOOTHING.name: np.array([2e-3])})
+    dx = np.random.default_rng(0).standard_normal((3, *x.shape[1:]))
+    whole = np.zeros_like(x)
+    whole[8:11] = dx
+    own = model.observed_tangents(x, {"d": dx}, slice(8, 11), columns=False)["d"]
+    np.testing.assert_allclose(own, model.observed_tangents(x, {"d": whole}, columns=False)["d"][8:11], rtol=1e-9)
+    assert np.abs(own - dx).max() > 0.1
