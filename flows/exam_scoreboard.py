@@ -88,6 +88,5 @@ def _of_version(scoreboard: Path, of: str) -> list[Row]:
 
 def _all(scoreboard: Path) -> list[Row]:
     lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
-    return [
-        json.loads(line, parse_constant=lambda nan: None) for line in lines
-    ]  # the first version wrote NaN where there was nothing to locate
+    # the first version wrote NaN where there was nothing to locate
+    return [json.loads(line, parse_constant=lambda nan: None) for line in lines]

@@ -301,10 +301,8 @@ class Windows:
 
     def _weigh(self, effect: Effect, beside: tuple[Effect, ...]) -> Weight:
         loss, σ_a = self._loss((*beside, effect))
-        decrease, scores = (
-            self._loss(beside)[0] - loss - self._unforeseen.get((*beside, effect), 0.0),
-            self._forced(σ_a).scores(effect, beside),
-        )
+        decrease = self._loss(beside)[0] - loss - self._unforeseen.get((*beside, effect), 0.0)
+        scores = self._forced(σ_a).scores(effect, beside)
         W, own = len(self), scores.dispersion
         ν = W - 1 + KNOWN
         φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)

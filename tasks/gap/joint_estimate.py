@@ -21,7 +21,7 @@ from tasks.cloth.windows import Normals
 from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded, precision
 from tasks.gap.replay import SPREAD, Replayed, supported
 
-WORTH = 2 / SPREAD**2  # independent numbers that replays are worth
+DEGREES = 2 / SPREAD**2  # of freedom that replays have
 LEAST = 0.25  # of the floor, below which no replay is foretold to come
 
 
@@ -32,7 +32,7 @@ def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float
     at = np.array([0.0] * p + [origin.get(c, 0.0) for c in columns])
     θ_w = np.concatenate([windows.base, list(windows.strengths.values())])
     seen = block_diag(*(np.linalg.pinv(C, hermitian=True) for C in (windows.base_covariance, windows.covariance)))
-    G, g = told.G[np.ix_(i, i)] * WORTH / off, told.g[i] * WORTH / off
+    G, g = told.G[np.ix_(i, i)] * DEGREES / off, told.g[i] * DEGREES / off
     A, b = seen + G + np.diag(precision(windows.effects)), seen @ θ_w + g + G @ at
     strengths = [s for e in windows.effects for s in e.strengths]
     low, high = (np.array([end] * p + [getattr(s, key) for s in strengths]) for end, key in ((-np.inf, "low"), (np.inf, "high")))

@@ -15,7 +15,7 @@ from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.joint_estimate import joint
-from tasks.gap.replay import Replay, Replayed, mean, mean_normals, replayed_by, supported
+from tasks.gap.replay import Replay, Replayed, mean, mean_normals, nearer, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import TEMPER, Twins
 
@@ -63,17 +63,21 @@ def refitted(
 
 
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map) -> Refitted:
-    """The same as windows and whole recordings together ask for it, if replays come nearer so, and weighed by how these compare with the base's."""
+    """The same as windows and whole recordings together ask for it, weighed by how its replays compare with the base's.
+
+    It is replayed as it was simulated; where what is asked for is far from that, so once more, and counts if it comes nearer.
+    """
     if named.windows is None:
         return named
     here = replayed_by(_acting(named.model), base, data, run, columns=True)
-    told, hypothesis, found = mean_normals(here), named.hypothesis, here
-    if told is not None:
-        asked = joint(hypothesis, told, mean(here).gap, named.windows.origin)
-        there = replayed_by(corrected_model(replace(named, hypothesis=asked)), base, data, run)
-        if mean(there).gap < mean(here).gap:
-            hypothesis, found = asked, there
-    return replace(named, hypothesis=replace(hypothesis, support=supported(mean(base), mean(found))), replays=found)
+    told = mean_normals(here)
+    if told is None:
+        return named
+    found = replace(named, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin), replays=here)
+    if moved_on(found):
+        there = replayed_by(corrected_model(found), base, data, run)
+        found = replace(found, replays=there) if nearer(there, here) else replace(named, replays=here)
+    return replace(found, hypothesis=replace(found.hypothesis, support=supported(mean(base), found.replayed)))
 
 
 def comes_nearer(named: Refitted, base: Replayed) -> bool:

@@ -146,6 +146,12 @@ def _known(model: Model, base: Sequence[Replay | None], data: Gathered, run: Map
     return [(job, b) for job, b in each if b is not None]
 
 
+def nearer(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> bool:
+    """Whether replays come nearer than others of the same recordings, and none was lost."""
+    lost = any(a is None and b is not None for a, b in zip(one, other, strict=True))
+    return not lost and mean(one).gap < mean(other).gap
+
+
 def mean(each: Sequence[Replay | None]) -> Replayed:
     """Over recordings that could be compared."""
     known = [r.replayed for r in each if r is not None]
@@ -168,7 +174,7 @@ def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
     found = _predicted(_well_started(todo), todo.model)
     if not found.complete:
         return None
-    r = _of(todo, found.x)
+    r = _residual_of(todo, found.x)
     apart = _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)])
     return Replay(Replayed(_mean_square(r), base.replayed.floor, apart), todo.window, found.x, _normals(found, r))
 
@@ -198,7 +204,7 @@ def _beside_others(job: Job, own: Prediction | None, others: Sequence[Prediction
     finished = [other.x for other in others if other is not None]
     if own is None or not finished:
         return None
-    r, noise = _of(job, own.x), job.recording.noise[job.window.frames][1:]
+    r, noise = _residual_of(job, own.x), job.recording.noise[job.window.frames][1:]
     seen = np.isfinite(r).all(-1)
     floor = float(3 * np.mean(noise[seen] ** 2) + max(_mean_square((y - own.x)[1:][seen]) for y in finished))
     return Replay(Replayed(_mean_square(r), floor), job.window, own.x, _normals(own, r))
@@ -241,7 +247,7 @@ def _residual(recording: Recording, window: Window, x: Array, boundary: Array) -
     return r
 
 
-def _of(job: Job, x: Array) -> Array:
+def _residual_of(job: Job, x: Array) -> Array:
     return _residual(job.recording, job.window, x, job.model.subject.cloth.boundary)
 
 

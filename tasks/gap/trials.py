@@ -20,7 +20,7 @@ from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
 from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, moved_on, refitted, replayed, searched
-from tasks.gap.replay import Replay, base_replays, mean, mean_normals, replayed_by
+from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import twins, with_replays
 
@@ -56,8 +56,7 @@ class Trials:
         asked = joint(self.screened.windows.base, self._told, mean(refitted).gap)
         other = with_fabric(model, moved(model.subject.fabric, asked.base)[0])
         found = replayed_by(other, refitted, self.train, self.run)
-        lost = any(after is None and before is not None for after, before in zip(found, refitted, strict=True))
-        return (model, refitted) if lost or not mean(found).gap < mean(refitted).gap else (other, found)
+        return (other, found) if nearer(found, refitted) else (model, refitted)
 
     def simulate(self, hypothesis: Fitted, start: Model | None = None) -> Refitted:
         """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""

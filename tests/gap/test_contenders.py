@@ -1,11 +1,14 @@
 """Which hypotheses the simulator refits."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from tasks.gap import refits
 from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders
-from tasks.gap.replay import Replay, Replayed
+from tasks.gap.replay import Replay, Replayed, supported
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 NOBODY = frozenset()
@@ -77,3 +80,30 @@ def test_only_what_came_nearer_over_whole_recordings_predicts_others():
     nearer, further = (Refitted(None, None, (), None, (replay(Replayed(gap, 1e-6)), None)) for gap in (3e-6, 5e-6))
     assert comes_nearer(nearer, base) and not comes_nearer(further, base)
     assert comes_nearer(Refitted(None, None, (), None), base)  # could not be replayed
+
+
+@pytest.mark.parametrize(
+    ("asks", "comes", "kept", "runs"), [(0.31, None, 0.31, 1), (0.6, 1e-6, 0.6, 2), (0.6, 9e-6, 0.3, 2), (0.6, np.nan, 0.3, 2)]
+)
+def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_was_simulated(monkeypatch, asks, comes, kept, runs):
+    """Simulated at 0.3, replays then 4 mm² off; the joint estimate counts where it is near that or comes nearer, not where a replay is lost."""
+    h = ranked({"contact_friction": 0.3})[0]
+    at = replace(h, strengths=dict.fromkeys(h.strengths, 0.3), base=np.zeros(2))
+    model = SimpleNamespace(strength=lambda e: np.array([0.3]))
+    simulated = Refitted(at, model, (), SimpleNamespace(origin={}))
+    todo = iter([4e-6, comes])
+
+    def replays(*_, **__):
+        told.append(next(todo))
+        return (None if np.isnan(told[-1]) else replay(Replayed(told[-1], 1e-6, 20e-6)),)
+
+    told = []
+    monkeypatch.setattr(refits, "replayed_by", replays)
+    monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
+    monkeypatch.setattr(refits, "joint", lambda windows, *_: replace(windows, strengths=dict.fromkeys(windows.strengths, asks)))
+    for name in ("_acting", "corrected_model"):
+        monkeypatch.setattr(refits, name, lambda _: None)
+    found = refits.replayed(simulated, (replay(Replayed(8e-6, 1e-6)),), None)
+    assert found.hypothesis.strengths == dict.fromkeys(h.strengths, kept) and len(told) == runs
+    best = np.nanmin(told)
+    assert found.replayed.gap == best and found.hypothesis.support == supported(Replayed(8e-6, 1e-6), Replayed(best, 1e-6, 20e-6)) > 0

@@ -9,7 +9,7 @@ from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.joint_estimate import WORTH, foretold, joint
+from tasks.gap.joint_estimate import DEGREES, foretold, joint
 from tasks.gap.replay import Replayed, supported
 
 TILT = library()["gravity_tilt"]
@@ -46,10 +46,10 @@ def test_where_windows_are_sure_they_say():
 def test_between_them_it_is_the_least_squares_of_both():
     n, sd = told(), np.array([0.1, 0.1, 0.01, 0.01])
     h = replace(fitted(1.0), base_covariance=np.diag(sd[:2] ** 2), covariance=np.diag(sd[2:] ** 2))
-    L = np.linalg.cholesky(n.G * WORTH / FLOOR)
+    L = np.linalg.cholesky(n.G * DEGREES / FLOOR)
     ridge = np.array([0.5, 0.5, *(3 * np.array(TILT.typical))])
     A = np.vstack([np.diag(1 / sd), L.T, np.diag(1 / ridge)])
-    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * WORTH / FLOOR), np.zeros(4)])
+    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * DEGREES / FLOOR), np.zeros(4)])
     np.testing.assert_allclose(values(joint(h, n, FLOOR)), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
 
 

@@ -12,7 +12,7 @@ from tasks.cloth.windows import predict, windows
 from tasks.effects.library import library
 from tasks.gap import replay
 from tasks.gap.gathered import Gathered
-from tasks.gap.replay import Replayed, base_replays, mean, mean_normals, replayed_by, replays, supported
+from tasks.gap.replay import Replay, Replayed, base_replays, mean, mean_normals, nearer, replayed_by, replays, supported
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -142,3 +142,11 @@ def test_what_is_at_the_floor_speaks_for_nothing_and_above_it_for_something():
 def test_a_floor_of_centimetres_says_little():
     low, high = (Replayed(floor, floor).something_missing for floor in (4e-6, 9e-4))
     assert low < -1.5 and high > -0.8
+
+
+def test_whoever_loses_a_recording_has_not_come_nearer():
+    def of(*gaps):
+        return [None if gap is None else Replay(Replayed(gap, 1e-6), None, np.zeros((1, 1, 3)), None) for gap in gaps]
+
+    assert nearer(of(2e-6, 8e-6), of(4e-6, 8e-6)) and not nearer(of(4e-6, 8e-6), of(2e-6, 8e-6))
+    assert not nearer(of(2e-6, None), of(4e-6, 8e-6)) and nearer(of(2e-6, None), of(4e-6, None))
