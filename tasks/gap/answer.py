@@ -97,9 +97,9 @@ def _likelier(v: Verdict) -> str:
 def _closing(gap: Shrinkage) -> str:
     if gap.closed_fraction is None:
         return ""
-    where = "on motion kept out of the fit " if gap.held_out else ""
-    if gap.replayed:
-        where += f"but replayed in one run, {gap.before_mm:.1f} mm, "
+    where = ""
+    if gap.held_out:
+        where = "on motion kept out of the fit, replayed in one run, " if gap.replayed else "on motion kept out of the fit "
     share = f"{gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%}"
     return f"; with it the gap {where}falls to {gap.after_mm:.1f} mm ({share})"
 

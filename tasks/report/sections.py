@@ -139,7 +139,7 @@ def cause_section(answer: dict[str, Any]) -> Section:
     shown = ("before_mm", "after_mm")[: 1 + (answer["verdict"]["kind"] == "effect")]  # without a name there is no after
     zones = [[z["zone"], *(z[k] for k in shown)] for z in answer["where"]["zones"]]
     tables = [Table(["class", "probability", "strength (90 %)"], rows), Table(["zone", *(k.replace("_", " ") for k in shown)], zones)]
-    told = f"Weighed on the {answer['garment']}, in windows of a fifth to a third of a second. Record next: {answer['record_next']}."
+    told = f"Weighed on the {answer['garment']}, in windows of a fifth to a third of a second and over the whole recording. Record next: {answer['record_next']}."
     return Section("Which effect is missing", [told], tables)
 
 

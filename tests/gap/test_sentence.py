@@ -30,6 +30,16 @@ def test_a_name_that_takes_the_place_of_another_says_so():
     assert "; friction leads, but no, so of what is left the cause is drag (probability 70%); with it" in told[1]
 
 
+def test_how_motion_kept_out_was_compared_is_said():
+    ends = []
+    for held_out, replayed in ((False, False), (True, False), (True, True)):
+        gap = Shrinkage(10.0, 3.0, 1.0, 0.9, 0.8, 1.0, held_out, 1.0, replayed)
+        ends.append(sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, ()), shrinkage=gap)).split("gap ")[1])
+    training, windows, whole = (end.split(" 3.0 mm")[0] for end in ends)
+    assert (training, windows) == ("falls to", "on motion kept out of the fit falls to")
+    assert whole == "on motion kept out of the fit, replayed in one run, falls to"
+
+
 def test_what_motion_kept_out_says_nothing_of_is_still_told():
     gap = Shrinkage(2.6, 2.6, 2.8, None, None, None, True)
     ranking = (Candidate(("drag", "lag"), 0.9, object()), Candidate(("none",), 0.1))
