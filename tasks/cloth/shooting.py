@@ -158,11 +158,16 @@ def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
     Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body. Where the simulation
     fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then both stay as they are.
     """
-    observed, names = job.recording.observed[job.window.frames][1:], state_names(found.normals.names)
-    asked = _state_weights(found.normals, names, [], likely_start(job))[:, 0]
-    now = np.array([job.start.get(name, 0.0) for name in names])
+    names = state_names(found.normals.names)
+    asked = state_weights(found.normals, names, [], likely_start(job).variances(names))[:, 0]
+    return first_nearer(job, dict(zip(names, asked, strict=True)), x)
+
+
+def first_nearer(job: Job, asked: Start, x: Array) -> tuple[Start, Array]:
+    """The start asked for, or half-way to it, and the window simulated from there; `job.start` and x [L + 1, V, 3] m where neither comes nearer than x."""
+    observed = job.recording.observed[job.window.frames][1:]
     for share in CORRECTED:
-        tried = replace(job, start=dict(zip(names, now + share * (asked - now), strict=True)))
+        tried = replace(job, start={name: now + share * (z - now) for name, z in asked.items() for now in [job.start.get(name, 0.0)]})
         again = predict(job.model, job.recording, job.window, tried.started)
         if again.complete and np.nansum((observed - again.x[1:]) ** 2) < np.nansum((observed - x[1:]) ** 2):
             return tried.start, again.x
@@ -172,16 +177,16 @@ def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
 def _without_state_fields(found: Prediction, n: Normals, residual: Array, prior: Prior) -> tuple[Array, Prediction]:
     """Residual and columns less what the start state's posterior mean explains of each."""
     z, x = state_names(n.names), [name for name in n.names if name[:2] not in NUISANCES]
-    weights = _state_weights(n, z, x, prior)
+    weights = state_weights(n, z, x, prior.variances(z))
     S = np.stack([found.columns[name] for name in z], -1)
     columns = {name: found.columns[name] - S @ weights[:, k] for k, name in enumerate(x, 1)}
     return residual - S @ weights[:, 0], replace(found, columns=columns)
 
 
-def _state_weights(n: Normals, z: Sequence[str], columns: Sequence[str], prior: Prior) -> Array:
-    """Posterior mean [Z, 1 + C] of the start state's coefficients z that explains the residual, and each of the columns."""
+def state_weights(n: Normals, z: Sequence[str], columns: Sequence[str], variances: Array) -> Array:
+    """Posterior mean [Z, 1 + C] of the start state's coefficients z, of variances [Z] before, that explains the residual, and each of the columns."""
     i = n.index(z)
-    H = n.G[np.ix_(i, i)] + np.diag(1 / prior.variances(z))
+    H = n.G[np.ix_(i, i)] + np.diag(1 / variances)
     return np.linalg.solve(H, np.column_stack([n.g[i], n.G[np.ix_(i, n.index(columns))]]))
 
 

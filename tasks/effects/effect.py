@@ -56,7 +56,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class MeshDoubt:
-    """What a coarse mesh leaves in doubt, as standard deviations: contact [m], where the body holds cloth; scale [1] of all lengths.
+    """What a coarse mesh, and states from noisy frames, leave in doubt, as standard deviations: contact [m], where the body holds cloth; scale [1] of all
+    lengths; calmed [s²]: τ² by which states are smoothed in time themselves.
 
     body_speed [m/s]: root mean square.
     """
@@ -64,6 +65,7 @@ class MeshDoubt:
     contact: float
     body_speed: float
     scale: float
+    calmed: float = 0.0
 
     @property
     def arrival(self) -> float:

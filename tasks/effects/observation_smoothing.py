@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import expm
 from typing_extensions import override
 
-from tasks.effects.effect import Array, Effect, Motion, Strength, Subject
+from tasks.effects.effect import Array, Effect, MeshDoubt, Motion, Strength, Subject
 
 
 class ObservationSmoothing(Effect):
@@ -29,6 +29,10 @@ class ObservationSmoothing(Effect):
     strengths = (Strength("τ²", "s2", 1.1e-3, 0.0, 0.01),)
     keeps = frozenset({"rest", "statics", "momentum", "gauge"})
     confused_with = frozenset({"fabric_bending_damping", "fabric_membrane_damping", "air_normal_drag"})
+
+    @override
+    def feigned(self, doubt: MeshDoubt) -> Array:
+        return np.array([doubt.calmed])
 
     @override
     def motion(self, subject: Subject, motion: Motion, θ: Sequence[float]) -> Motion:

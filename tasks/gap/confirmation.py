@@ -176,7 +176,7 @@ class _Test:
         """Simulated from the start states that a model's body allows."""
         φ = smooth_modes(model.subject.cloth, MODES)
         run, prior = self.trials.run, self.trials.screened.base.prior
-        return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run), φ, prior=prior)))
+        return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run, φ), φ, prior=prior)))
 
 
 def _by_recording(replays: Sequence[Replay | None]) -> dict[int, Replay]:

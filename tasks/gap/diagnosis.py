@@ -16,17 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, Map
+from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restated, split
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restated, split, unwrinkled
 from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
-from tasks.gap.screening import Screened, roughly_refitted, screen
+from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Candidate, Verdict
 
@@ -88,11 +89,12 @@ def diagnose(
     longest_first = lengths(recordings, fps)
     each = [_taught(data.cut(length_s, fps), apart)[0] for length_s in reversed(longest_first)]
     model, correlation = roughly_refitted(model, each, run, tell)
-    data = restated(model, data.correlated(correlation), run)
+    data, φ = restated(model, data.correlated(correlation), run), smooth_modes(model.subject.cloth, MODES)
     for length_s in longest_first:
         data = data.cut(length_s, fps)
+        tell(f"{len(data.windows)} windows of {length_s:.2g} s")
+        data = unwrinkled(model, data, φ, run)
         train, held = _taught(data, apart)
-        tell(f"{len(train.windows)} windows of {length_s:.2g} s")
         screened = screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell)
         if _predicted(screened, train, tell):
             break
@@ -104,7 +106,8 @@ def diagnose(
     trials.settle(quick=quick)
     verdict = decided(trials)
     tell("held-out windows")
-    kept = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps) if held_out is not None else held
+    kept = held if held_out is None else gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps)
+    kept = kept if held_out is None else unwrinkled(screened.base.model, kept, φ, run)
     return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), train)
 
 

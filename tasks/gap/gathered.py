@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tasks.cloth.shooting import Job, Map
 from tasks.cloth.start_state import States, states
 from tasks.cloth.tracking_noise import Correlation
+from tasks.cloth.unwrinkled_start import unwrinkled_start
 from tasks.cloth.windows import LONG_S, SHORT_S, Recording, Window, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.model import Model
@@ -76,12 +77,24 @@ def restated(model: Model, data: Gathered, run: Map = map) -> Gathered:
     return _where_longer(data, list(run(_restate, [(model, r) for r in data.recordings])), data.recordings)
 
 
-def restarted(model: Model, data: Gathered, run: Map = map) -> Gathered:
-    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may pinch itself anew."""
+def unwrinkled(model: Model, data: Gathered, φ: Array, run: Map = map) -> Gathered:
+    """The same with windows that start without wrinkles of noise. φ [K, V]: the modes of the start that are marginalised."""
+    states = [replace(s, x=s.x.copy(), v=s.v.copy()) for s in data.states]
+    for w, (x, v) in zip(data.windows, run(unwrinkled_start, jobs(model, data, φ)), strict=True):
+        states[w.recording].x[w.start], states[w.recording].v[w.start] = x, v
+    return replace(data, states=tuple(states))
+
+
+def restarted(model: Model, data: Gathered, run: Map = map, φ: Array | None = None) -> Gathered:
+    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may pinch itself anew.
+
+    φ [K, V]: as in `unwrinkled`, where wrinkles matter.
+    """
     if not any("motion" in e.acts_through and model.strength(e).any() for e in model.effects):
         return data
     recordings, walked = zip(*run(_anew, [(model, r) for r in data.recordings]), strict=True)
-    return _where_longer(data, walked, recordings)
+    data = _where_longer(data, walked, recordings)
+    return data if φ is None else unwrinkled(model, data, φ, run)
 
 
 def _anew(job: tuple[Model, Recording]) -> tuple[Recording, States]:

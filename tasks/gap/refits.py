@@ -52,7 +52,7 @@ def refitted(
     model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
     model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
     φ = smooth_modes(model.subject.cloth, MODES)
-    data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run)
+    data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run, φ)
     todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=base.prior)
     evidence = tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, screened.evidence, strict=True)]))
     if not all(e.prediction.complete for e in evidence):

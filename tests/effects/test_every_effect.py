@@ -354,8 +354,8 @@ def test_hooks_are_all_known():
 @every
 def test_what_a_mesh_may_feign_grows_with_its_doubt(effect):
     """An effect that a coarse mesh can feign says so for each kind of doubt in proportion, and the others do not."""
-    sure, doubtful = MeshDoubt(0.0, 0.5, 0.0), MeshDoubt(0.002, 0.5, 0.01)
+    sure, doubtful = MeshDoubt(0.0, 0.5, 0.0), MeshDoubt(0.002, 0.5, 0.01, 1e-4)
     assert not effect.feigned(sure).any()
     σ = effect.feigned(doubtful)
     assert σ.shape == (len(effect.strengths),) and (σ >= 0).all()
-    np.testing.assert_allclose(effect.feigned(MeshDoubt(0.004, 0.5, 0.02)), 2 * σ)
+    np.testing.assert_allclose(effect.feigned(MeshDoubt(0.004, 0.5, 0.02, 2e-4)), 2 * σ)
