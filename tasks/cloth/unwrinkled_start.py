@@ -29,7 +29,9 @@ FINE = 120
 
 def unwrinkled_start(job: Job) -> tuple[Array, Array]:
     """x [V, 3] m and v [V, 3] m to start the window from; those of the state where no nearer ones are found. `job.φ` [K, V]: the modes that are marginalised."""
-    recording = replace(job.recording, correlation=replace(job.recording.correlation, memory=0.0))  # with memory 720 columns take a minute to whiten
+    recording = replace(
+        job.recording, correlation=replace(job.recording.correlation, memory=0.0)
+    )  # with memory 720 columns take a minute to whiten
     fine = replace(job, recording=recording, φ=smooth_modes(job.model.subject.cloth, FINE), parameters=())
     found, start = follow(fine), {}
     if found.prediction.complete:

@@ -5,7 +5,7 @@ there, and what leads keeps its probability.
 At most `CHANCES` names are: of many, one would pass by chance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, corrected_model
-from tasks.gap.replay import Replay, base_replays, mean, replayed_by
+from tasks.gap.replay import Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
@@ -126,20 +126,15 @@ class _Test:
     def said(self, named: Refitted, after: Sequence[Evidence]) -> Shrinkage:
         """The same, or how it shrinks in whole recordings replayed: where it shrinks there only, for of what acts slowly windows see little, and where windows
         have nothing to close, but replays have."""
-        inside = self.gap(after)
-        at_floor = inside.closed_fraction is None and bool(np.isfinite(inside.after_mm))
-        if inside.shrinks and not at_floor:
-            return inside
-        whole = self.replayed(named)
-        speaks = whole is not None and whole.closed_fraction is not None
-        return whole if speaks and (at_floor or whole.shrinks) else inside
+        return _windows_or_replays(self.gap(after), lambda: self.replayed(named))
 
-    def replayed(self, named: Refitted) -> Shrinkage | None:
-        """How replays compare in the windows kept out that they pass through; None where there are none, or a replay cannot be finished.
+    def replayed(self, named: Refitted, beside: Refitted | None = None) -> Shrinkage | None:
+        """How replays compare with the base's, or with those of a model beside which it stands, in the windows kept out that they pass through; None where
+        there are none, or a replay cannot be finished.
 
         Where what is named moves them by no more than they part by chance, the gap counts as unchanged: it might have fallen for anything.
         """
-        base, found = self._base_replays, self._replays_of(named)
+        base, found = self._base_replays if beside is None else self._replays_of(beside), self._replays_of(named)
         before, after = _by_recording(base), _by_recording(found)
         boundary, rows = self.trials.screened.base.model.subject.cloth.boundary, []
         for w in self.kept.windows:
@@ -149,9 +144,9 @@ class _Test:
                 rows.append([*(np.nansum(x) for x in each), np.isfinite(each[0]).sum()])
         if not rows:
             return None
-        floor, apart = mean(base).floor, mean(found).apart
+        floor = mean(base).floor
         gap = fallen(np.array(rows), 1e3 * floor**0.5, held_out=True, replayed=True)
-        return gap if apart > floor else unchanged(gap)
+        return gap if parted(found, base) > floor else unchanged(gap)
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:
@@ -168,7 +163,8 @@ class _Test:
         if alone is None or alone.windows is None:
             return now, after
         one = self.evidence(alone)
-        if shrinkage(one, after, floor_mm=self.floor, held_out=True).shrinks:
+        inside = shrinkage(one, after, floor_mm=self.floor, held_out=True)
+        if _windows_or_replays(inside, lambda: self.replayed(now.named, alone)).shrinks:
             return now, after
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
 
@@ -177,6 +173,16 @@ class _Test:
         φ = smooth_modes(model.subject.cloth, MODES)
         run, prior = self.trials.run, self.trials.screened.base.prior
         return list(run(follow_corrected, jobs(model, restarted(model, self.kept, run, φ), φ, prior=prior)))
+
+
+def _windows_or_replays(inside: Shrinkage, replayed: Callable[[], Shrinkage | None]) -> Shrinkage:
+    """Which of the two speaks."""
+    at_floor = inside.closed_fraction is None and bool(np.isfinite(inside.after_mm))
+    if inside.shrinks and not at_floor:
+        return inside
+    whole = replayed()
+    speaks = whole is not None and whole.closed_fraction is not None
+    return whole if speaks and (at_floor or whole.shrinks) else inside
 
 
 def _by_recording(replays: Sequence[Replay | None]) -> dict[int, Replay]:

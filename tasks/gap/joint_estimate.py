@@ -47,10 +47,11 @@ def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float
     )
 
 
-def foretold(windows: Fitted, told: Normals, base: Replayed) -> tuple[Fitted, float]:
-    """The joint hypothesis about the base's replays, and its log Bayes factor by them as far as derivatives tell."""
-    h = joint(windows, told, base.gap)
+def foretold(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, float] = NOWHERE) -> tuple[Fitted, float]:
+    """The joint hypothesis about replays that are `off` and hold the strengths `origin`, and its log Bayes factor against them as far as derivatives tell."""
+    h = joint(windows, told, off.gap, origin)
     i = told.index([*PARAMETERS, *h.strengths])
-    θ, G = np.concatenate([h.base, list(h.strengths.values())]), told.G[np.ix_(i, i)]
-    E = told.c - 2 * told.g[i] @ θ + θ @ G @ θ
-    return h, supported(base, Replayed(max(E, LEAST * base.floor), base.floor, float(θ @ G @ θ)))
+    δ = np.concatenate([h.base, [θ - origin.get(c, 0.0) for c, θ in h.strengths.items()]])
+    G = told.G[np.ix_(i, i)]
+    E = told.c - 2 * told.g[i] @ δ + δ @ G @ δ
+    return h, supported(off, Replayed(max(E, LEAST * off.floor), off.floor, float(δ @ G @ δ)))

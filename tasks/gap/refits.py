@@ -8,14 +8,15 @@ import numpy as np
 from tasks.cloth.numerics import corrected, with_tangents
 from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, without_state
 from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.feigned import without_doubts
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
-from tasks.gap.joint_estimate import joint
-from tasks.gap.replay import Replay, Replayed, mean, mean_normals, nearer, replayed_by, supported
+from tasks.gap.joint_estimate import foretold, joint
+from tasks.gap.replay import Replay, Replayed, mean, mean_normals, nearer, parted, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import TEMPER, Twins
 
@@ -27,13 +28,15 @@ TWIN = 0.01  # of evidence, so that of two that are the same the one that was si
 
 @dataclass(frozen=True)
 class Refitted:
-    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, these linear about it, and its replays."""
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, these linear about it, its replays, and what replays
+    as it was simulated tell of every effect (`Replay.normals`, mean)."""
 
     hypothesis: Fitted
     model: Model
     evidence: tuple[Evidence, ...]
     windows: Windows | None
     replays: tuple[Replay | None, ...] = ()
+    told: Normals | None = None
 
     @property
     def replayed(self) -> Replayed:
@@ -62,22 +65,31 @@ def refitted(
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
 
 
-def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map) -> Refitted:
+def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:
     """The same as windows and whole recordings together ask for it, weighed by how its replays compare with the base's.
 
-    It is replayed as it was simulated; where what is asked for is far from that, so once more, and counts if it comes nearer.
+    It is replayed as it was simulated; where what is asked for is far from that, so once more, and counts if it comes nearer. beside: of two causes the first
+    alone, as it was simulated: the second is weighed by how replays of both compare with that one's.
     """
     if named.windows is None:
         return named
-    here = replayed_by(_acting(named.model), base, data, run, columns=True)
+    here = replayed_by(named.model, base, data, run, columns=True)
     told = mean_normals(here)
     if told is None:
         return named
-    found = replace(named, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin), replays=here)
+    found = replace(named, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin), replays=here, told=told)
     if moved_on(found):
         there = replayed_by(corrected_model(found), base, data, run)
-        found = replace(found, replays=there) if nearer(there, here) else replace(named, replays=here)
-    return replace(found, hypothesis=replace(found.hypothesis, support=supported(mean(base), found.replayed)))
+        found = replace(found, replays=there) if nearer(there, here) else replace(named, replays=here, told=told)
+    return replace(found, hypothesis=replace(found.hypothesis, support=_support(found, base, beside)))
+
+
+def _support(named: Refitted, base: Sequence[Replay | None], beside: Refitted | None) -> float:
+    """Log Bayes factor against the base by replays."""
+    if beside is None or beside.hypothesis.support is None:
+        return supported(mean(base), named.replayed)
+    apart = parted(named.replays, beside.replays)
+    return beside.hypothesis.support + supported(beside.replayed, replace(named.replayed, apart=apart))
 
 
 def comes_nearer(named: Refitted, base: Replayed) -> bool:
@@ -86,11 +98,21 @@ def comes_nearer(named: Refitted, base: Replayed) -> bool:
 
 
 def searched(named: Refitted) -> tuple[Fitted, ...]:
-    """Second effects beside a single one that was simulated: what it leaves, they may explain."""
+    """Second effects beside a single one that was simulated: what it leaves, they may explain. Whole recordings say of them what they say of the first."""
     if named.windows is None or len(named.hypothesis.effects) != 1:
         return ()
     own = named.hypothesis.effects[0]
-    return tuple(named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
+    both = (named.windows.fit([own, e]) for e in named.windows.effects if e.name != own.name)
+    return tuple(replace(pair, support=named.hypothesis.support) for pair in both)
+
+
+def foretold_beside(named: Refitted, pair: Fitted) -> tuple[Fitted, float]:
+    """A second effect beside the one that was simulated, as windows and whole recordings together ask for both, and the log Bayes factor of it by replays, as far
+    as derivatives about the first one's tell."""
+    if named.told is None:
+        return pair, 0.0
+    here = replace(named.replayed, gap=named.told.c)
+    return foretold(pair, named.told, here, named.windows.origin)
 
 
 def moved_on(named: Refitted) -> bool:

@@ -169,6 +169,12 @@ def mean_normals(each: Sequence[Replay | None]) -> Normals | None:
     return Normals(known[0].names, G, g, c, sum(n.n for n in known))
 
 
+def parted(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> float:
+    """Mean square distance [m²] between replays of the same recordings, mean over recordings; NaN where none can be compared."""
+    both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
+    return float(np.mean([_mean_square((a.x - b.x)[1:]) for a, b in both])) if both else np.nan
+
+
 def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
     todo, base = job
     found = _predicted(_well_started(todo), todo.model)

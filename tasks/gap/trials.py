@@ -19,14 +19,15 @@ from tasks.gap.held_out import floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
-from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, moved_on, refitted, replayed, searched
+from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, foretold_beside, moved_on, refitted, replayed, searched
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
-from tasks.gap.verdict import twins, with_replays
+from tasks.gap.verdict import TEMPER, twins, with_replays
 
 LEADERS = 3  # contenders that are simulated
 AGAIN = 4  # further simulations of whichever leads
 PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first simulation takes the strength that they ask for too
+SECOND = 3.0  # log Bayes factor, foretold, from which a second effect is simulated beside the leader: one of thirty, and rarer than a first
 DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model
 
 
@@ -62,7 +63,8 @@ class Trials:
         """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""
         self.tell(f"refit with {hypothesis.name}")
         found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, run=self.run)
-        return replayed(found, self.replays, self.train, self.run)
+        beside = self.after.get(hypothesis.effects[0].name) if len(hypothesis.effects) == 2 else None
+        return replayed(found, self.replays, self.train, self.run, beside=beside)
 
     @property
     def singles(self) -> list[Fitted]:
@@ -106,7 +108,23 @@ class Trials:
             elif moved_on(now):
                 self.after[leader.name] = self.simulate(leader, now.model)
             else:
-                return
+                break
+        if not quick:
+            self._with_second()
+
+    def _with_second(self) -> None:
+        """Simulate the likeliest second effect beside the leader, if there is one that windows and whole recordings together promise."""
+        leader = self.leader
+        first, pairs = self.after.get(leader.name), self.pairs()
+        if not pairs:
+            return
+        asked = [foretold_beside(first, pair) for pair in pairs]
+        promise = [pair.weights[1].evidence + max(support, 0.0) / TEMPER for pair, (_, support) in zip(pairs, asked, strict=True)]
+        best = int(np.argmax(promise))
+        if promise[best] > SECOND:
+            both, support = asked[best]
+            both = both if support > PROMISING else pairs[best]
+            self.after[both.name] = self.simulate(both, first.model)
 
     def _afresh(self, leader: Fitted) -> Refitted:
         """Two joint steps of fabric and strength from the first fabric: after one the fabric is still that of the start."""
@@ -114,13 +132,18 @@ class Trials:
         return self.simulate(once.hypothesis, once.model) if once.windows is not None else once
 
     def pairs(self) -> tuple[Fitted, ...]:
-        """Second effects beside the leader, if it was simulated."""
+        """Second effects beside the leader, if it was simulated; as simulated where they were too."""
         leader = self.leader
-        return searched(self.after[leader.name]) if leader.name in self.after else ()
+        found = searched(self.after[leader.name]) if leader.name in self.after else ()
+        return tuple(self.after[pair.name].hypothesis if self._stands(pair.name) else pair for pair in found)
+
+    def _stands(self, name: str) -> bool:
+        """Whether it was simulated, to the end."""
+        return name in self.after and self.after[name].windows is not None
 
     def doubt(self, pairs: Sequence[Fitted] = ()) -> float:
         """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
         best = max((self.screened.windows.base, *self.singles, *pairs), key=with_replays(0.0, self.vetoed))
-        simulated = next((self.after[e.name] for e in best.effects[:1] if e.name in self.after), None)
+        simulated = next((self.after[name] for name in (best.name, *(e.name for e in best.effects[:1])) if name in self.after), None)
         left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
         return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)

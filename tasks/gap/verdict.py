@@ -92,8 +92,9 @@ def judge(
     sole = 1.0 - (1.0 - OTHERWISE) * unexplained
     weight = [sole * SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
     seconds = [p for p in pairs if p.effects[0] == ranked[0].effects[0] and not vetoed & {e.name for e in p.effects}]
-    seconds.sort(key=lambda p: -p.weights[1].evidence)
-    doubled = [w2 * weight[0] for w2 in np.exp(np.log(PAIR / len(ranked)) + TEMPER * np.array([p.weights[1].evidence for p in seconds]))]
+    beside = _beside_first(ranked[0])
+    seconds.sort(key=lambda p: -beside(p))
+    doubled = [PAIR / len(ranked) * float(np.exp(TEMPER * beside(p))) * weight[0] for p in seconds]
     named = sum(weight) + sum(doubled[:1])
     none, outside = 1.0 - unexplained, unexplained * (np.exp(missing) + BESIDE * named)
     total = none + outside + named
@@ -101,7 +102,7 @@ def judge(
     alike = twins(cosines)
     candidates += _classes(ranked, weight, total, alike, whole)
     if doubled:
-        both = (_beside(ranked, whole, 0, alike), _beside(seconds, lambda p: p.weights[1].evidence, 1, alike))
+        both = (_beside(ranked, whole, 0, alike), _beside(seconds, beside, 1, alike))
         names = tuple(dict.fromkeys(n for c in both for n in c))
         pair = tuple(e.name for e in seconds[0].effects)
         candidates.append(Candidate(names if len(names) <= LARGEST_CLASS else pair, doubled[0] / total, seconds[0]))
@@ -120,6 +121,16 @@ def with_replays(missing: float, vetoed: frozenset[str] = frozenset()) -> Callab
     def evidence(h: Fitted) -> float:
         whole = max(h.evidence, -EXCLUDED) + (missing if h.support is None else h.support) / TEMPER
         return min(whole, 0.0) - VETO / TEMPER if vetoed & {e.name for e in h.effects} else whole
+
+    return evidence
+
+
+def _beside_first(first: Fitted) -> Callable[[Fitted], float]:
+    """Evidence of the second effect of a pair beside the first alone, with what replays say in it, if both were simulated."""
+
+    def evidence(pair: Fitted) -> float:
+        replays = 0.0 if pair.support is None or first.support is None else pair.support - first.support
+        return pair.weights[1].evidence + replays / TEMPER
 
     return evidence
 

@@ -40,7 +40,7 @@ def put(monkeypatch):
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
         monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, base)))
-        monkeypatch.setattr(confirmation._Test, "replayed", lambda self, named: (whole or {}).get(named.hypothesis.name))
+        monkeypatch.setattr(confirmation._Test, "replayed", lambda self, named, beside=None: (whole or {}).get(named.hypothesis.name))
         return confirmed(t, decided(t), kept, apart=False), t
 
     return run
@@ -123,10 +123,10 @@ def test_what_helps_in_neither_loses_its_name(put, base):
 def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of():
     """The first recording has no window that teaches: the only replay is the second's."""
     V, boundary = 3, np.array([0])
-    still, moved = np.zeros((9, V, 3)), np.full((9, V, 3), 3e-3)  # 5.2 mm off
+    still, nudged, moved = (np.full((9, V, 3), d) for d in (0.0, 1e-3, 3e-3))  # 5.2, 3.5 and 0 mm off
 
-    def of(x, apart=9e-6):
-        return (Replay(Replayed(1.0, 4e-6, apart), Window(1, 2, 8), x, None),)
+    def of(x):
+        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, None),)
 
     recordings = tuple(SimpleNamespace(observed=np.full((12, V, 3), offset)) for offset in (1.0, 3e-3))
     kept = SimpleNamespace(windows=[Window(0, 4, 3), Window(1, 4, 3), Window(1, 8, 3)], recordings=recordings)
@@ -138,10 +138,10 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     gap = test.replayed(SimpleNamespace(replays=of(moved)))
     assert gap.before_mm == pytest.approx(3 * 3**0.5) and gap.after_mm == 0.0 and gap.floor_mm == pytest.approx(2.0)
     assert test.replayed(SimpleNamespace(replays=(None,))) is None
-    by_chance = test.replayed(
-        SimpleNamespace(replays=of(moved, apart=3e-6))
-    )  # no farther from the base's than replays that start otherwise
+    by_chance = test.replayed(SimpleNamespace(replays=of(nudged)))  # no farther from the base's than replays that start otherwise
     assert gap.shrinks and not by_chance.shrinks and by_chance.after_mm == gap.before_mm and by_chance.closed_fraction == 0.0
+    beside = test.replayed(SimpleNamespace(replays=of(moved)), SimpleNamespace(replays=of(nudged)))
+    assert beside.before_mm == pytest.approx(2 * 3**0.5) and beside.after_mm == 0.0 and beside.shrinks
 
 
 def test_where_windows_show_it_they_are_what_is_told(put):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tasks.cloth.windows import Window
 from tasks.gap import refits
 from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders
 from tasks.gap.replay import Replay, Replayed, supported
@@ -101,9 +102,33 @@ def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_
     monkeypatch.setattr(refits, "replayed_by", replays)
     monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
     monkeypatch.setattr(refits, "joint", lambda windows, *_: replace(windows, strengths=dict.fromkeys(windows.strengths, asks)))
-    for name in ("_acting", "corrected_model"):
-        monkeypatch.setattr(refits, name, lambda _: None)
+    monkeypatch.setattr(refits, "corrected_model", lambda _: None)
     found = refits.replayed(simulated, (replay(Replayed(8e-6, 1e-6)),), None)
     assert found.hypothesis.strengths == dict.fromkeys(h.strengths, kept) and len(told) == runs
     best = np.nanmin(told)
     assert found.replayed.gap == best and found.hypothesis.support == supported(Replayed(8e-6, 1e-6), Replayed(best, 1e-6, 20e-6)) > 0
+
+
+@pytest.mark.parametrize("first", [5.0, None])
+def test_a_second_cause_is_weighed_against_replays_of_the_first(monkeypatch, first):
+    """Where the first was replayed; else against the base."""
+    h = replace(ranked({"contact_friction": 0.3})[0], base=np.zeros(2))
+    model = SimpleNamespace(strength=lambda e: np.array(list(h.strengths.values())))
+    x = {d: np.full((3, 4, 3), d) for d in (0.0, 1e-3, 3e-3)}
+    base, alone, both = ((Replay(Replayed(gap, 1e-6, apart), Window(0, 0, 2), x[d], None),) for gap, apart, d in OFF)
+    monkeypatch.setattr(refits, "replayed_by", lambda *_, **__: both)
+    monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
+    monkeypatch.setattr(refits, "joint", lambda windows, *_: windows)
+    beside = Refitted(replace(h, support=first), model, (), None, alone)
+    found = refits.replayed(Refitted(h, model, (), SimpleNamespace(origin={})), base, None, beside=beside)
+    if first is None:
+        assert found.hypothesis.support == supported(Replayed(9e-6, 1e-6), Replayed(1e-6, 1e-6, 27e-6))
+    else:
+        assert found.hypothesis.support == pytest.approx(5.0 + supported(Replayed(4e-6, 1e-6), Replayed(1e-6, 1e-6, 12e-6)))
+
+
+OFF = (
+    (9e-6, 0.0, 0.0),
+    (4e-6, 3e-6, 1e-3),
+    (1e-6, 27e-6, 3e-3),
+)  # E and d² [m²] and where the replay is [m]: of the base, the first cause, both

@@ -72,10 +72,12 @@ def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfit
     def stop(*args):
         raise Stop
 
-    model = SimpleNamespace(subject=SimpleNamespace(fps=FPS))
+    model = SimpleNamespace(subject=SimpleNamespace(fps=FPS, cloth=None))
     monkeypatch.setattr(diagnosis, "gather", lambda model, recordings, run: data(41, 41))
     monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, train, run, tell: (model, Correlation(0.0, 0.1)))
     monkeypatch.setattr(diagnosis, "restated", lambda model, data, run: data)
+    monkeypatch.setattr(diagnosis, "smooth_modes", lambda cloth, count: None)
+    monkeypatch.setattr(diagnosis, "unwrinkled", lambda model, data, φ, run: data)
     monkeypatch.setattr(diagnosis, "screen", screened)
     monkeypatch.setattr(diagnosis, "Trials", stop)
     with pytest.raises(Stop):

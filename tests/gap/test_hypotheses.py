@@ -11,7 +11,7 @@ from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.hypotheses import FORM, Windows, log_averaged
-from tasks.gap.verdict import abstained, first_alone, judge, nothing_needed
+from tasks.gap.verdict import PAIR, TEMPER, abstained, first_alone, judge, nothing_needed
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -222,6 +222,22 @@ def test_what_was_vetoed_is_no_second_cause_either():
     assert len(judge(singles, pairs, unexplained=0.0).classes) == 2
     after = judge(singles, pairs, unexplained=0.0, vetoed=frozenset({"contact_friction"}))
     assert "contact_friction" not in {n for c in after.classes for n in c}
+
+
+def test_of_a_second_cause_that_was_simulated_replays_say_what_they_say_beyond_the_first():
+    w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0})
+    singles = [replace(w.fit([e]), support=4.0 if e is EFFECTS[0] else None) for e in EFFECTS]
+    pairs = [replace(w.fit([EFFECTS[0], e]), support=4.0) for e in EFFECTS[1:]]
+    slow = EFFECTS[-1].name
+    odds = {}
+    for more in (0.0, 20.0):
+        seen = [replace(p, support=4.0 + more) if p.effects[1].name == slow else p for p in pairs]
+        found = judge(singles, seen, unexplained=0.0)
+        pair = next(c for c in found.ranking if c.fitted is not None and len(c.fitted.effects) == 2)
+        odds[more] = pair.probability / own(found, "none")
+        assert (slow in {e.name for e in found.named.effects}) == bool(more)
+    alone = np.exp(TEMPER * pairs[-1].weights[1].evidence) * PAIR / len(singles) * np.exp(TEMPER * singles[0].evidence + 4.0) / len(singles)
+    assert odds[20.0] == pytest.approx(alone * np.exp(20.0), rel=1e-6)
 
 
 def test_who_abstains_says_what_else_is_likelier():

@@ -77,3 +77,12 @@ def test_what_derivatives_foretell_is_weighed_as_a_replay_would_be():
     E = FLOOR + (θ - WHOLE) @ n.G @ (θ - WHOLE)
     assert support == pytest.approx(supported(Replayed(n.c, FLOOR), Replayed(E, FLOOR, θ @ n.G @ θ))) and support > 5
     assert foretold(fitted(1e-6), n, Replayed(n.c, FLOOR))[1] < support
+
+
+def test_beside_what_is_simulated_already_it_is_weighed_against_that():
+    at = np.array([0.0, 0.0, 0.05, 0.01])
+    n, origin = told(at), dict(zip(TILT.columns, at[2:]))
+    h, support = foretold(fitted(1e3), n, Replayed(n.c, FLOOR), origin)
+    δ = values(h) - at
+    E = FLOOR + (values(h) - WHOLE) @ n.G @ (values(h) - WHOLE)
+    assert support == pytest.approx(supported(Replayed(n.c, FLOOR), Replayed(E, FLOOR, δ @ n.G @ δ))) and support > 1

@@ -26,7 +26,7 @@ class Rehearsed(Trials):
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
         self.promised = {}
-        self.asked, self.finds, self.left, self.windows = [], finds, doubt, ()
+        self.asked, self.finds, self.left, self.windows, self.seconds = [], finds, doubt, (), ()
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
 
     def simulate(self, hypothesis, start=None):
@@ -52,6 +52,9 @@ class Rehearsed(Trials):
 
     def doubt(self, pairs=()):
         return self.left
+
+    def pairs(self):
+        return self.seconds
 
 
 @pytest.mark.parametrize(("grows", "times"), [(1.0, 0), (1.02, 0), (1.5, AGAIN)])
@@ -103,3 +106,25 @@ def test_what_whole_recordings_promise_is_simulated_at_the_strength_that_they_as
     monkeypatch.setattr(t, "simulate", lambda h, start=None: told.append(h.strengths[FRICTION]) or simulate(h, start))
     t.settle(quick=True)
     assert (told[0] == 7.0) == bool(promised)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "promised", "quick", "simulated"),
+    [(5.0, 0.0, False, True), (1.0, 0.0, False, False), (1.0, 4.0, False, True), (1.0, 4.0, True, False)],
+)
+def test_a_second_effect_is_simulated_where_windows_and_replays_together_promise_one(monkeypatch, evidence, promised, quick, simulated):
+    """At the strengths that replays ask for where they say something."""
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0))
+    first, other = (next(h for h in t.screened.hypotheses if h.name == name) for name in (FRICTION, "gravity_tilt"))
+    weights = (first.weights[0], replace(other.weights[0], likelihood=evidence, prior=0.0))
+    both = replace(first, effects=(*first.effects, *other.effects), strengths={**first.strengths, **other.strengths}, weights=weights)
+    t.seconds = (both,)
+    asked = replace(both, strengths=dict.fromkeys(both.strengths, 7.0))
+    monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (asked, promised))
+    told = {}
+    simulate = t.simulate
+    monkeypatch.setattr(t, "simulate", lambda h, start=None: told.update({h.name: h.strengths[FRICTION]}) or simulate(h, start))
+    t.settle(quick=quick)
+    assert (both.name in t.after) == simulated
+    if simulated:
+        assert (told[both.name] == 7.0) == (promised > 0)
