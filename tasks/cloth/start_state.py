@@ -101,6 +101,15 @@ def shrunken(x: Array, cloth: Cloth, fps: float, order: int, noise: float) -> Ar
     return calm + _kept(smooth, share * feigned) + _kept(d - smooth, (1 - share) * feigned)
 
 
+def told_by_two(v: Array, seen: Array, cloth: Cloth, fps: float, noise: float) -> Array:
+    """Velocities v [V, 3] m/s between two states, of what neither driven nodes nor smooth modes hold the share that noise does not make of those `seen`
+    [V, 3] m/s between the frames themselves."""
+    φ = smooth_modes(cloth, SMOOTH)
+    smooth, as_seen = (_smooth(each[None], cloth, φ)[0] for each in (v, seen))
+    rough = 1 - len(φ) / (len(cloth.x_rest) - len(cloth.boundary))
+    return smooth + _share(seen - as_seen, rough * 2 * (noise * fps) ** 2) * (v - smooth)
+
+
 def _smooth(d: Array, cloth: Cloth, φ: Array) -> Array:
     """The harmonic continuation of what d [T, V, 3] is at the driven nodes, and what the modes φ [K, V] hold of the rest."""
     on, free = np.zeros_like(d), np.ones(d.shape[1], bool)
@@ -113,10 +122,13 @@ def _smooth(d: Array, cloth: Cloth, φ: Array) -> Array:
 
 
 def _kept(d: Array, feigned: Array) -> Array:
-    """The share of d [T, V, 3] that is more than noise of variance `feigned` [T] makes."""
-    found = np.mean(d**2, (1, 2))
-    share = np.maximum(0.0, 1 - feigned / np.maximum(found, 1e-300))
-    return share[:, None, None] * d
+    """Of d [T, V, 3] what is more than noise of variance `feigned` [T] makes."""
+    return np.array([_share(each, of) * each for each, of in zip(d, feigned, strict=True)])
+
+
+def _share(d: Array, feigned: float) -> float:
+    """1 − `feigned`/mean d², the share of d [V, 3] that noise of that variance does not make."""
+    return max(0.0, 1 - feigned / max(float(np.mean(d**2)), 1e-300))
 
 
 def filled(observed: Array, faces: NDArray[np.int32]) -> tuple[Array, NDArray[np.bool_]]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.start_state import filled, states
+from tasks.cloth.start_state import filled, states, told_by_two
 from tasks.cloth.windows import Recording, smooth
 from tasks.cloth.yielded_collider import yielded_everywhere
 from tasks.effects.model import Model
@@ -22,8 +22,12 @@ def predicted(model: Model, recording: Recording) -> Array:
     first = recording.cut(slice(0, GIVEN))
     noise = float(np.median(first.noise))
     found = states(replace(model, effects=(), strengths={}), model.driven(first.motion), first.observed, noise)
-    x0 = found.x[0] if len(found.x) else filled(first.observed, subject.cloth.faces)[0][0]
-    v0 = (found.x[1] - found.x[0]) * subject.fps if len(found.x) == GIVEN else np.zeros_like(x0)
+    seen, _ = filled(first.observed, subject.cloth.faces)
+    x0 = found.x[0] if len(found.x) else seen[0]
+    v0 = np.zeros_like(x0)
+    if len(found.x) == GIVEN:
+        between = (each[1] - each[0] for each in (found.x, seen))
+        v0 = told_by_two(*(subject.fps * d for d in between), subject.cloth, subject.fps, noise)
     settings = replace(model.settings, substeps=1)
     fine = replace(model, settings=settings, subject=replace(subject, fps=subject.fps * n))
     x = np.stack([f.x for f in fine.run(smooth(recording.motion, n), x0, v0)][::n])

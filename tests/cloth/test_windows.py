@@ -20,7 +20,7 @@ from tasks.cloth.shooting import (
     stretch_of,
     with_fabric,
 )
-from tasks.cloth.start_state import States, derivative, filled, shrunken, states
+from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Recording, Window, predict, windows
 from tasks.effects.effect import Motion, Subject
@@ -59,6 +59,17 @@ def swung(T: int, *, fabric=FABRIC, noise=0.0, seed=0):
 @pytest.fixture(scope="module")
 def panel():
     return swung(25, noise=1e-3)
+
+
+def test_velocities_told_by_two_frames_lose_what_noise_makes_of_them():
+    model, recording, x, v = swung(15, noise=3e-3)
+    cloth, error = model.subject.cloth, {}
+    for name, y in (("noisy", recording.observed), ("exact", x)):
+        between = FPS * (y[9] - y[8])
+        told = told_by_two(between, between, cloth, FPS, 3e-3 if name == "noisy" else 0.0)
+        error[name] = [float(np.sqrt(np.mean((each - v[8:10].mean(0)) ** 2))) for each in (told, between)]
+    assert error["noisy"][0] < 0.75 * error["noisy"][1]
+    assert error["exact"][0] == pytest.approx(error["exact"][1], rel=1e-6)  # where there is no noise nothing is lost
 
 
 def test_windows_cover_every_recording_once(panel):
