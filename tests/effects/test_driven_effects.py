@@ -193,14 +193,15 @@ def test_the_finer_mesh_carries_everything_along(rounds):
     assert 1e-6 < np.abs(frames[-1].x[:V] - hanging()[2]).max() < 2e-3
 
 
-def test_a_mesh_that_holds_cloth_off_feigns_size_and_time_and_one_with_folds_scale():
-    doubt = MeshDoubt(contact=0.002, body_speed=0.4, scale=0.01)
+def test_a_mesh_that_holds_cloth_off_feigns_size_and_time_one_with_folds_scale_and_calm_states_smoothing():
+    doubt = MeshDoubt(contact=0.002, body_speed=0.4, scale=0.01, calmed=3e-4)
     found = {e.name: float(e.feigned(doubt).max()) for e in library().values() if e.feigned(doubt).any()}
     contact, time, scale = (
         ("body_offset", "contact_thickness"),
         ("body_lag", "observation_delay"),
         ("fabric_rest_scale", "observation_scale"),
     )
+    assert found.pop("observation_smoothing") == 3e-4
     assert found == pytest.approx(dict.fromkeys(contact, 0.002) | dict.fromkeys(time, 0.005) | dict.fromkeys(scale, 0.01))
     still = MeshDoubt(contact=0.002, body_speed=0.0, scale=0.0)
     assert library()["body_lag"].feigned(still)[0] > 1  # a body at rest: no delay can be excluded

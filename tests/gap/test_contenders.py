@@ -8,7 +8,7 @@ import pytest
 
 from tasks.cloth.windows import Window
 from tasks.gap import refits
-from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders
+from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders, searched
 from tasks.gap.replay import Replay, Replayed, supported
 from tests.gap.test_hypotheses import EFFECTS, windows
 
@@ -132,3 +132,12 @@ OFF = (
     (4e-6, 3e-6, 1e-3),
     (1e-6, 27e-6, 3e-3),
 )  # E and d² [m²] and where the replay is [m]: of the base, the first cause, both
+
+
+def test_of_what_stands_beside_the_first_whole_recordings_say_what_they_say_of_it():
+    w = windows(np.random.default_rng(0), truth={"contact_friction": 0.3})
+    first = replace(w.fit([e for e in EFFECTS if e.name == "contact_friction"]), support=6.0)
+    found = searched(Refitted(first, None, (), w))
+    assert {pair.effects[1].name for pair in found} == {e.name for e in EFFECTS} - {"contact_friction"}
+    assert all(pair.effects[0] is first.effects[0] and pair.support == 6.0 for pair in found)
+    assert searched(Refitted(found[0], None, (), w)) == ()  # no third

@@ -1,11 +1,13 @@
 """What the coarse mesh feigns, and the forcing that a finer computation would be taken for."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import MeshDoubt
-from tasks.gap.feigned import feigned, numerics_forcing, without_doubts
+from tasks.gap.feigned import feigned, mesh_doubt, numerics_forcing, without_doubts
 from tasks.gap.hypotheses import FORCING, Windows
 from tests.gap.synthetic import EFFECTS, NAMES, TYPICAL, dense
 
@@ -32,6 +34,15 @@ def test_so_much_drag_as_the_mesh_feigns_is_no_evidence():
         Windows(normals, EFFECTS, feigned=f).fit([DRAG]).evidence for f in ({}, {"air_normal_drag": 0.6 * TYPICAL["air_normal_drag"]})
     )
     assert sure > 5 > 1 > doubtful
+
+
+def test_states_may_be_smoothed_by_a_quarter_of_a_squared_frame(monkeypatch):
+    monkeypatch.setattr("tasks.gap.feigned.chord_shortening", lambda *_: 0.01)
+    monkeypatch.setattr("tasks.gap.feigned.body_speed", lambda *_: 0.4)
+    for fps in (25.0, 50.0):
+        model = SimpleNamespace(subject=SimpleNamespace(cloth=None, fps=fps))
+        found = mesh_doubt(model, SimpleNamespace(states=(), noise=1e-3, recordings=()), 0.002)
+        assert found == MeshDoubt(0.002, 0.4, 0.01, pytest.approx(0.25 / fps**2))
 
 
 def test_every_column_hears_what_its_effect_says_of_the_mesh():

@@ -62,7 +62,7 @@ class Stop(Exception):
 
 @pytest.mark.parametrize(("misfits", "last"), [((1.5, 1.0), 10), ((9.0, 8.0), 5)])
 def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfits, last) -> None:
-    seen = []
+    seen, calm = [], []
 
     def screened(model, train, effects, **options):
         seen.append(max(w.length for w in train.windows))
@@ -77,12 +77,12 @@ def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfit
     monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, train, run, tell: (model, Correlation(0.0, 0.1)))
     monkeypatch.setattr(diagnosis, "restated", lambda model, data, run: data)
     monkeypatch.setattr(diagnosis, "smooth_modes", lambda cloth, count: None)
-    monkeypatch.setattr(diagnosis, "unwrinkled", lambda model, data, φ, run: data)
+    monkeypatch.setattr(diagnosis, "unwrinkled", lambda model, data, φ, run: calm.append(max(w.length for w in data.windows)) or data)
     monkeypatch.setattr(diagnosis, "screen", screened)
     monkeypatch.setattr(diagnosis, "Trials", stop)
     with pytest.raises(Stop):
         diagnosis.diagnose(model, data(41, 41).recordings, [])
-    assert seen == ([10] if last == 10 else [10, 5])
+    assert seen == calm == ([10] if last == 10 else [10, 5])
 
 
 def test_windows_that_cannot_be_followed_are_shortened_too() -> None:

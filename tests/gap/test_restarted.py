@@ -35,3 +35,17 @@ def test_only_what_moves_the_body_lets_it_give_way_again(limbs, monkeypatch, nam
     effect = library()[name]
     gathered.restarted(model.joined([effect], {name: np.full(len(effect.strengths), θ)}), data)
     assert asked == {"drawn": drawn, "anew": anew}
+
+
+@pytest.mark.parametrize(
+    ("name", "φ", "times"), [("fabric_hem_mass", np.ones(1), 0), ("body_offset", np.ones(1), 1), ("body_offset", None, 0)]
+)
+def test_windows_before_a_body_in_another_place_start_without_wrinkles_too(limbs, monkeypatch, name, φ, times) -> None:
+    model, recording = limbs
+    known, asked = States(recording.observed, recording.observed, "converged"), []
+    monkeypatch.setattr(gathered, "_anew", lambda job: (job[1], known))
+    monkeypatch.setattr(gathered, "unwrinkled", lambda model, data, φ, run: asked.append(φ) or data)
+    data = gathered.Gathered((recording,), (known,), ())
+    effect = library()[name]
+    gathered.restarted(model.joined([effect], {name: np.full(len(effect.strengths), 2e-3)}), data, map, φ)
+    assert asked == [φ] * times
