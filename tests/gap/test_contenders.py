@@ -124,12 +124,12 @@ def test_a_second_cause_is_weighed_against_replays_of_the_first(monkeypatch, fir
     if first is None:
         assert found.hypothesis.support == supported(Replayed(9e-6, 1e-6), Replayed(1e-6, 1e-6, 27e-6))
     else:
-        assert found.hypothesis.support == pytest.approx(5.0 + supported(Replayed(4e-6, 1e-6), Replayed(1e-6, 1e-6, 12e-6)))
+        assert found.hypothesis.support == pytest.approx(5.0 + supported(Replayed(1.5e-6, 1e-6), Replayed(1e-6, 1e-6, 12e-6)))
 
 
 OFF = (
     (9e-6, 0.0, 0.0),
-    (4e-6, 3e-6, 1e-3),
+    (1.5e-6, 3e-6, 1e-3),
     (1e-6, 27e-6, 3e-3),
 )  # E and d² [m²] and where the replay is [m]: of the base, the first cause, both
 
