@@ -5,6 +5,7 @@ import pytest
 
 from tasks.exam.scorer.beside import columns
 from tasks.exam.scorer.case import area_under_curve, closing, credit, most_changed, score
+from tasks.exam.scorer.demo import demo_scores
 from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
 from tasks.exam.scorer.page import page
@@ -178,3 +179,22 @@ def test_of_another_engine_count_nulls_and_what_is_twice_as_large_as_they_leave_
     assert heading(shown) == (
         "cases of the mujoco engine: 5 count; the refitted base misses its nulls by 3 mm; smaller than twice that, and not counted: [10]"
     )
+
+
+def test_the_demo_is_told_whether_what_was_planted_is_named_and_how_much_it_is_believed():
+    """It leads in a class of two and stands beside another; frames kept out withdraw it or not."""
+    ranking = [
+        {"class": ["air_normal_drag", "air_linear_drag"], "probability": 0.6},
+        {"class": ["air_normal_drag", "air_added_mass"], "probability": 0.25},
+        {"class": ["none"], "probability": 0.15},
+    ]
+    still = np.zeros((2, 55, 3)), np.zeros((2, 55, 3))
+    given = {"joints": still, "keypoint_joints": still[0], "vertices": still, "garment": {}, "fabric": {}, "true_fabric": {}}
+    for named in ([["air_normal_drag", "air_linear_drag"]], []):
+        verdict = {"verdict": {"class": named}, "ranking": ranking}
+        found = demo_scores(**given, psnr=np.array([np.nan]), planted="air_normal_drag", verdict=verdict)
+        told = {name: row["value"] for name, row in found.items() if "air_" in name}
+        assert told == {
+            "planted air_normal_drag is in the class named": float(bool(named)),
+            "probability given to air_normal_drag": pytest.approx(0.85),
+        }
