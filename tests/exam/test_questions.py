@@ -24,6 +24,8 @@ def test_every_effect_is_asked_for_and_withheld_effects_differ():
     assert {n for q in cases if q.stratum == "single" for n in q.causes} == set(LIBRARY)
     withheld = [q.withheld for q in cases if q.withheld]
     assert len(withheld) == 12 == len(set(withheld))
+    asked = {q.withheld for seed in range(5) for q in questions(160, seed)}
+    assert not asked & (admissible("body_lag") | admissible("body_offset"))  # the other one would stay, and be right
     assert {n for q in cases if q.stratum == "outside" and not q.withheld for n in q.causes} == set(OUTSIDE)
 
 

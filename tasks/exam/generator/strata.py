@@ -33,6 +33,10 @@ _CLASSES = (
 )
 
 
+_TWINS = ("body_offset", "contact_thickness", "body_lag", "observation_delay", "fabric_rest_scale", "observation_scale")
+WITHHELD = tuple(n for n in LIBRARY if n not in _TWINS)  # of those, the other one stays, and is no wrong name
+
+
 def admissible(name: str) -> frozenset[str]:
     """Names that may stand beside `name` without loss of credit, itself included."""
     return frozenset({name}.union(*(c for c in _CLASSES if name in c)))
@@ -96,7 +100,7 @@ def _question(number: int, stratum: str, place: int, seed: int) -> Question:
         twist = NULLS[place % len(NULLS)]
     elif stratum == "outside":
         if place % 2:
-            withheld = _turn(LIBRARY, place // 2, seed + 2)
+            withheld = _turn(WITHHELD, place // 2, seed + 2)
             causes = {withheld: 4.0}
         else:
             causes = {OUTSIDE[place // 2 % len(OUTSIDE)]: MAGNITUDES[1 + place // 8 % 3]}
