@@ -165,9 +165,9 @@ def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
 
 def first_nearer(job: Job, asked: Start, x: Array) -> tuple[Start, Array]:
     """The start asked for, or half-way to it, and the window simulated from there; `job.start` and x [L + 1, V, 3] m where neither comes nearer than x."""
-    observed = job.recording.observed[job.window.frames][1:]
+    observed, now = job.recording.observed[job.window.frames][1:], {name: job.start.get(name, 0.0) for name in asked}
     for share in CORRECTED:
-        tried = replace(job, start={name: now + share * (z - now) for name, z in asked.items() for now in [job.start.get(name, 0.0)]})
+        tried = replace(job, start={name: now[name] + share * (z - now[name]) for name, z in asked.items()})
         again = predict(job.model, job.recording, job.window, tried.started)
         if again.complete and np.nansum((observed - again.x[1:]) ** 2) < np.nansum((observed - x[1:]) ** 2):
             return tried.start, again.x

@@ -106,8 +106,10 @@ def diagnose(
     trials.settle(quick=quick)
     verdict = decided(trials)
     tell("held-out windows")
-    kept = held if held_out is None else gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps)
-    kept = kept if held_out is None else unwrinkled(screened.base.model, kept, φ, run)
+    kept = held
+    if held_out is not None:
+        further = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps)
+        kept = unwrinkled(screened.base.model, further, φ, run)
     return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), train)
 
 

@@ -30,7 +30,9 @@ Array = NDArray[np.float64]
 
 Feigned = dict[str, float]
 
-CALMED = 0.25  # frames²: τ² by which start states are smoothed in time; of a null skirt with 4 mm of noise 0.06 to 0.23 was asked for
+CALMED = (
+    0.25  # frames²: τ² by which start states are smoothed in time: a replay seen with 4 mm of noise asked for 0.23, a null skirt for 0.05
+)
 
 
 def mesh_doubt(model: Model, data: Gathered, contact_doubt: float) -> MeshDoubt:

@@ -170,7 +170,10 @@ def mean_normals(each: Sequence[Replay | None]) -> Normals | None:
 
 
 def parted(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> float:
-    """Mean square distance [m²] between replays of the same recordings, mean over recordings; NaN where none can be compared."""
+    """Mean square distance [m²] between replays of the same recordings, mean over recordings; NaN where none can be compared.
+
+    Of all vertices and frames, seen or not: what two models do there needs no observation.
+    """
     both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
     return float(np.mean([_mean_square((a.x - b.x)[1:]) for a, b in both])) if both else np.nan
 

@@ -144,6 +144,6 @@ class Trials:
     def doubt(self, pairs: Sequence[Fitted] = ()) -> float:
         """The doubt that the hypothesis of most evidence leaves, in windows and over whole recordings."""
         best = max((self.screened.windows.base, *self.singles, *pairs), key=with_replays(0.0, self.vetoed))
-        simulated = next((self.after[name] for name in (best.name, *(e.name for e in best.effects[:1])) if name in self.after), None)
+        simulated = next((self.after[name] for name in (best.name, *(e.name for e in best.effects[:1])) if self._stands(name)), None)
         left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
         return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)

@@ -2,7 +2,7 @@
 
 Posterior weights beside 1 for "none": B π_e exp(T E_e) of a single effect with evidence E_e, B π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
 effect f makes with the leading one; B says what whole recordings make of it, replayed with the effect where it was simulated and else that anything is
-missing (`replay.py`). The temper T < 1 says
+missing (`replay.py`); a second effect that was simulated has what replays of both say beyond those of the first. The temper T < 1 says
 how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
 effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER`
 of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
@@ -92,9 +92,9 @@ def judge(
     sole = 1.0 - (1.0 - OTHERWISE) * unexplained
     weight = [sole * SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
     seconds = [p for p in pairs if p.effects[0] == ranked[0].effects[0] and not vetoed & {e.name for e in p.effects}]
-    beside = _beside_first(ranked[0])
-    seconds.sort(key=lambda p: -beside(p))
-    doubled = [PAIR / len(ranked) * float(np.exp(TEMPER * beside(p))) * weight[0] for p in seconds]
+    further = _beside_first(ranked[0])
+    seconds.sort(key=lambda p: -further(p))
+    doubled = [PAIR / len(ranked) * float(np.exp(TEMPER * further(p))) * weight[0] for p in seconds]
     named = sum(weight) + sum(doubled[:1])
     none, outside = 1.0 - unexplained, unexplained * (np.exp(missing) + BESIDE * named)
     total = none + outside + named
@@ -102,7 +102,7 @@ def judge(
     alike = twins(cosines)
     candidates += _classes(ranked, weight, total, alike, whole)
     if doubled:
-        both = (_beside(ranked, whole, 0, alike), _beside(seconds, beside, 1, alike))
+        both = (_beside(ranked, whole, 0, alike), _beside(seconds, further, 1, alike))
         names = tuple(dict.fromkeys(n for c in both for n in c))
         pair = tuple(e.name for e in seconds[0].effects)
         candidates.append(Candidate(names if len(names) <= LARGEST_CLASS else pair, doubled[0] / total, seconds[0]))

@@ -64,11 +64,13 @@ def panel():
 def test_velocities_told_by_two_frames_lose_what_noise_makes_of_them():
     model, recording, x, v = swung(15, noise=3e-3)
     cloth, error = model.subject.cloth, {}
-    for name, y in (("noisy", recording.observed), ("exact", x)):
+    noisy = recording.observed.copy()
+    noisy[:, cloth.boundary] = x[:, cloth.boundary]  # what drives the cloth is known
+    for name, y in (("noisy", noisy), ("exact", x)):
         between = FPS * (y[9] - y[8])
         told = told_by_two(between, between, cloth, FPS, 3e-3 if name == "noisy" else 0.0)
         error[name] = [float(np.sqrt(np.mean((each - v[8:10].mean(0)) ** 2))) for each in (told, between)]
-    assert error["noisy"][0] < 0.75 * error["noisy"][1]
+    assert error["noisy"][0] < 0.6 * error["noisy"][1]
     assert error["exact"][0] == pytest.approx(error["exact"][1], rel=1e-6)  # where there is no noise nothing is lost
 
 
