@@ -30,9 +30,8 @@ Array = NDArray[np.float64]
 
 Feigned = dict[str, float]
 
-CALMED = (
-    0.25  # frames²: τ² by which start states are smoothed in time: a replay seen with 4 mm of noise asked for 0.23, a null skirt for 0.05
-)
+# frames²: τ² by which start states are smoothed in time; a replay seen with 4 mm of noise asked for 0.23, a null skirt for 0.05
+CALMED = 0.25
 
 
 def mesh_doubt(model: Model, data: Gathered, contact_doubt: float) -> MeshDoubt:
