@@ -1,6 +1,7 @@
 """The same in other triangles: how far it matters which way the diagonals run.
 
-Bending of a triangle mesh has directions: a grid's diagonals stiffen it across them, and no refinement that keeps them shows it.
+Bending of a triangle mesh has directions: a grid's diagonals stiffen it across them, and no refinement that keeps them shows it. On the whole, other diagonals
+bend as stiffly (`retriangulated.py`).
 
 Strength: 1 is the mesh with other diagonals (`geometry.flips`) [1]. Range: 0 or 1 (from ½ on).
 Signature: folds that run along, or across, the diagonals.
@@ -15,6 +16,7 @@ import numpy as np
 from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
+from tasks.effects.retriangulated import retriangulated
 from tasks.geometry.flips import flip
 
 
@@ -31,7 +33,7 @@ class NumericsTriangulation(Effect):
         if θ[0] < 0.5:
             return subject
         faces, uv = flip(subject.cloth.x_rest, subject.cloth.faces, subject.cloth.uv)
-        return replace(subject, cloth=replace(subject.cloth, faces=np.asarray(faces), uv=uv))
+        return retriangulated(subject, replace(subject.cloth, faces=np.asarray(faces), uv=uv))
 
 
 EFFECT = NumericsTriangulation()

@@ -15,6 +15,7 @@ from tasks.cloth.contact_sagitta import contact_sagitta, drawn_in
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion
 from tasks.effects.model import Model
+from tasks.effects.retriangulated import retriangulated
 from tasks.gap.garment_recordings import Garment
 from tasks.geometry.decimation import decimate
 from tasks.simulator import Cloth
@@ -22,6 +23,7 @@ from tasks.simulator import Cloth
 Indices = NDArray[np.int32]
 
 VERTICES = 800
+BENDING = "kappa_b_over_rho"
 LINES = ("hem", "seam")  # zones that are lines; contact and free are areas, whose border may move by a vertex
 
 
@@ -44,13 +46,20 @@ class CoarseGarment:
     def on_whole(self, found: Model) -> Model:
         """The whole garment in the fabric and with the effects that were found on the thinned one."""
         model = self.whole.model
-        subject = replace(model.subject, fabric=found.subject.fabric)
-        return replace(model, subject=subject, effects=found.effects, strengths=found.strengths)
+        fabric = retriangulated(found.subject, model.subject.cloth).fabric
+        return replace(model, subject=replace(model.subject, fabric=fabric), effects=found.effects, strengths=found.strengths)
 
     def told(self, answer: dict[str, Any]) -> dict[str, Any]:
         """The answer with a value for every vertex of the whole garment."""
         each = {name: [answer["where"][name][i] for i in self.nearest] for name in ("vertex_mm", "vertex_accel")}
-        return answer | {"where": answer["where"] | each}
+        return answer | {"where": answer["where"] | each, "parameters": self._on_whole(answer["parameters"])}
+
+    def _on_whole(self, parameters: dict[str, Any]) -> dict[str, Any]:
+        """Ratios of stiffness to density found on the thinned garment, as they are on the whole one."""
+        thinned, cloth = self.garment.model.subject, self.whole.model.subject.cloth
+        times = retriangulated(thinned, cloth).fabric.bending / thinned.fabric.bending
+        scaled = {k: {**v, **{end: times * v[end] for end in ("value", "low", "high")}} for k, v in parameters.items() if k == BENDING}
+        return parameters | scaled
 
 
 def coarse_garment(garment: Garment, *, count: int = VERTICES) -> CoarseGarment:
@@ -67,7 +76,7 @@ def coarse_garment(garment: Garment, *, count: int = VERTICES) -> CoarseGarment:
     boundary = number[cloth.boundary]
     uv = None if pattern is None else pattern[thin.kept][thin.faces]
     thinned = Cloth(cloth.x_rest[thin.kept], thin.faces, boundary[boundary >= 0], uv, cloth.rest_angles)
-    model = replace(garment.model, subject=replace(subject, cloth=thinned, zone=subject.zone[thin.kept]))
+    model = replace(garment.model, subject=replace(retriangulated(subject, thinned), zone=subject.zone[thin.kept]))
     coarse = CoarseGarment(garment, replace(garment, model=model), thin.kept, thin.nearest)
     as_seen = [coarse.recording(drawn_in(r, -garment.contact_doubt)) for r in garment.recordings]
     doubt = contact_sagitta(thinned, as_seen, model.settings.barrier_distance)

@@ -1,6 +1,6 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already it cannot speak: "none" is said, for nothing more is needed
-there, and what leads keeps its probability.
+nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already, and no likelier with what leads, "none" is said, for nothing
+more is needed there, and what leads keeps its probability.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, follow_corrected
 from tasks.cloth.state_modes import smooth_modes
@@ -22,6 +23,8 @@ from tasks.gap.replay import Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
+
+Array = NDArray[np.float64]
 
 CHANCES = 3
 
@@ -79,7 +82,7 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: b
     floor = floor_mm(screened.evidence, trials.train.recordings)
     if kept is None or not kept.windows:
         after = screened.evidence if first.named is None else first.named.evidence
-        gap = shrinkage(screened.evidence, after, floor_mm=floor, held_out=False)
+        gap = shrinkage(screened.evidence, after, floor_mm=floor, held_out=False, prior=screened.prior)
         return Confirmed(first.verdict, first.named, screened.evidence, after, gap, first.pairs)
     test = _Test(trials, kept, floor, apart=apart)
     now, reasons = first, []
@@ -121,7 +124,7 @@ class _Test:
 
     def gap(self, after: Sequence[Evidence]) -> Shrinkage:
         """How the gap shrinks from the base's."""
-        return shrinkage(self.before, after, floor_mm=self.floor, held_out=True)
+        return shrinkage(self.before, after, floor_mm=self.floor, held_out=True, prior=self.trials.screened.base.prior)
 
     def said(self, named: Refitted, after: Sequence[Evidence]) -> Shrinkage:
         """The same, or how it shrinks in whole recordings replayed: where it shrinks there only, for of what acts slowly windows see little, and where windows
@@ -140,13 +143,12 @@ class _Test:
         for w in self.kept.windows:
             b, a = before.get(w.recording), after.get(w.recording)
             if b is not None and a is not None and b.holds(w):
-                each = [1e6 * np.sum(x.residual(self.kept.recordings[w.recording], w, boundary) ** 2, -1) for x in (b, a)]
-                rows.append([*(np.nansum(x) for x in each), np.isfinite(each[0]).sum()])
+                rows.append(_over_floors(*(x.within(self.kept.recordings[w.recording], w, boundary) for x in (b, a))))
         if not rows:
             return None
-        floor = mean(base).floor
-        gap = fallen(np.array(rows), 1e3 * floor**0.5, held_out=True, replayed=True)
-        return gap if parted(found, base) > floor else unchanged(gap)
+        E = np.array(rows)
+        gap = fallen(E[:, :3], float(np.sqrt(E[:, 3].sum() / E[:, 2].sum())), held_out=True, replayed=True)
+        return gap if parted(found, base) > mean(base).floor else unchanged(gap)
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:
@@ -163,7 +165,7 @@ class _Test:
         if alone is None or alone.windows is None:
             return now, after
         one = self.evidence(alone)
-        inside = shrinkage(one, after, floor_mm=self.floor, held_out=True)
+        inside = shrinkage(one, after, floor_mm=self.floor, held_out=True, prior=self.trials.screened.base.prior)
         if _windows_or_replays(inside, lambda: self.replayed(now.named, alone)).shrinks:
             return now, after
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
@@ -183,6 +185,13 @@ def _windows_or_replays(inside: Shrinkage, replayed: Callable[[], Shrinkage | No
     whole = replayed()
     speaks = whole is not None and whole.closed_fraction is not None
     return whole if speaks and (at_floor or whole.shrinks) else inside
+
+
+def _over_floors(before: tuple[Array, Array], after: tuple[Array, Array]) -> list[float]:
+    """Σ |r|²/F before and after, Σ 1/F [1/mm²] and how many vertices were seen, for residuals [L, V, 3] m with floors F [L] m²."""
+    (b, floor), (a, _) = before, after
+    F, seen = 1e6 * floor[:, None], np.isfinite(b).all(-1)
+    return [*(float(np.nansum(1e6 * np.sum(r**2, -1) / F)) for r in (b, a)), float(np.sum(seen / F)), float(seen.sum())]
 
 
 def _by_recording(replays: Sequence[Replay | None]) -> dict[int, Replay]:

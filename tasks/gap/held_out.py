@@ -3,6 +3,12 @@
 E is the mean squared distance of a vertex [mm²] between observation and prediction in a window, what the uncertain start explains taken out.
 closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run; intervals by a
 bootstrap over windows (Efron 1982).
+
+At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses. There
+
+    ℓ = ½ Σ_w [J_w + log|C_w|]_before/s_w − [J_w + log|C_w|]_after/s_w,    C = R + S_z P S_zᵀ,    s_w = max(1, J_w/n_w) of the nearer of the two
+
+tells whether motion kept out is likelier with a cause than without.
 """
 
 from collections.abc import Sequence
@@ -12,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.numerics import size
-from tasks.cloth.shooting import Evidence
+from tasks.cloth.shooting import Evidence, Prior, without_state
 from tasks.cloth.windows import Recording
 
 Array = NDArray[np.float64]
@@ -28,8 +34,8 @@ class Shrinkage:
     """√E before, after and floor [mm]; closed fraction with its 90 % interval (None where the gap is at the floor); held out or not; in windows, or in
     recordings replayed in one run.
 
-    falls: share of bootstrap draws in which the gap falls. A cause that acts in one window of five (a touch, a turn) is not even drawn in a third of them,
-    and there the fraction of what can be closed means nothing; so the interval is for reading, and `shrinks` decides.
+    falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a turn) is not even drawn in
+    a third of them, and there the fraction of what can be closed means nothing; so the interval is for reading, and `shrinks` decides.
     """
 
     before_mm: float
@@ -44,7 +50,7 @@ class Shrinkage:
 
     @property
     def shrinks(self) -> bool:
-        """Whether the gap became smaller in most draws and, where there is something to close, by more than `LEAST` of that."""
+        """Whether the gap became smaller, or the motion likelier, in most draws and, where there is something to close, by more than `LEAST` of that."""
         return (self.closed_fraction is None or self.closed_fraction > LEAST) and self.falls > 0.5
 
 
@@ -66,20 +72,33 @@ def squared(evidence: Evidence) -> tuple[float, int]:
     return float(np.nansum(each)), int(np.isfinite(each).sum())
 
 
-def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm: float, held_out: bool) -> Shrinkage:
-    """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no after."""
+def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm: float, held_out: bool, prior: Prior) -> Shrinkage:
+    """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no after.
+
+    prior: of start states.
+    """
     both = [(b, a) for b, a in zip(before, after, strict=True) if b.prediction.complete and a.prediction.complete]
     if not both:
         alone = np.array([squared(b) for b in before if b.prediction.complete])
         gap = float(np.sqrt(alone[:, 0].sum() / alone[:, 1].sum())) if len(alone) else np.nan
         return Shrinkage(gap, np.nan, floor_mm, None, None, None, held_out)
-    return fallen(np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both]), floor_mm, held_out=held_out)
+    gap = fallen(np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both]), floor_mm, held_out=held_out)
+    return gap if gap.closed_fraction is not None else replace(gap, falls=likelier(both, prior))
+
+
+def likelier(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> float:
+    """Share of bootstrap draws in which windows are likelier after than before."""
+    ℓ = []
+    for pair in both:
+        b, a = (without_state(e.normals, prior) for e in pair)
+        s = max(1.0, min(b.c, a.c) / b.n)
+        ℓ.append((b.c + b.logdet - a.c - a.logdet) / (2 * s))
+    return float((np.array(ℓ)[_draws(len(ℓ))].sum(1) > 0).mean())
 
 
 def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False) -> Shrinkage:
     """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches."""
-    draws = np.random.default_rng(0).integers(0, len(E), (DRAWS, len(E)))
-    sums = E[draws].sum(1)
+    sums = E[_draws(len(E))].sum(1)
     drops = (sums[:, 0] - sums[:, 1]) / sums[:, 2]
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
     falls = float((drops > 0).mean())
@@ -88,3 +107,8 @@ def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False)
     closable = b**2 - floor_mm**2  # of all windows: in draws near the floor it vanishes
     low, high = np.percentile(drops, LEVEL) / closable
     return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), float(low), float(high), held_out, falls, replayed)
+
+
+def _draws(n: int) -> NDArray[np.int64]:
+    """Which of n windows each draw holds [DRAWS, n]."""
+    return np.random.default_rng(0).integers(0, n, (DRAWS, n))

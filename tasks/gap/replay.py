@@ -4,9 +4,11 @@ Within a fifth of a second a cause that acts slowly hides behind the uncertain s
 frames, up to `LONG_S`, ask for (`shooting.nearer_start`, in `STARTING` smooth modes): a velocity off by 10 mm/s would lead it a centimetre astray. Replays of cloth
 diverge from one another too, so the yardstick are two other replays, one of them on a finer mesh, each from a start that other errors of tracking would have led to:
 
-    ratio² = E/E_0,    E = mean |y − x|²,    E_0 = 3σ² + max mean |x_other − x|²    over vertices and frames
+    ratio² = E/E_0,    E = Σ_t w_t ⟨|y − x|²⟩_t,    E_0 = Σ_t w_t F_t,    F_t = 3σ² + max ⟨|x_other − x|²⟩_t,    w_t ∝ 1/F_t,    Σ_t w_t = 1
 
-The farther of two, for one alone may have parted little by chance: of six of a null skirt, on either mesh, the nearest ended 4.9 mm off, the farthest 10.6.
+with ⟨·⟩_t over vertices. Each frame counts over its own floor: once folds have fallen, replays are centimetres apart, and frames that nobody can foretell would
+drown those before. The farther of two, for one alone may have parted little by chance: of six of a null skirt, on either mesh, the nearest ended 4.9 mm off,
+the farthest 10.6.
 
 About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing; what, its derivatives
 foretell roughly, for few hold that long (`joint_estimate.py`). As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform
@@ -77,22 +79,23 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Replay:
-    """How far a recording's replay is off, its frames, the replay x [L + 1, V, 3] m, and about it, in
+    """How far a recording's replay is off, its frames, the replay x [L + 1, V, 3] m, the base's floors F [L] m², and about it, in
     base parameters and effects, E(θ) = c − 2gᵀθ + θᵀGθ [m²]."""
 
     replayed: Replayed
     window: Window
     x: Array
+    floor: Array
     normals: Normals
 
     def holds(self, window: Window) -> bool:
         """Whether it passes through a window of its recording."""
         return self.window.start <= window.start and window.start + window.length <= self.window.start + self.window.length
 
-    def residual(self, recording: Recording, window: Window, boundary: Array) -> Array:
-        """Observed minus replayed [L, V, 3] m in a window that the replay passes through, NaN at driven vertices."""
+    def within(self, recording: Recording, window: Window, boundary: Array) -> tuple[Array, Array]:
+        """Observed minus replayed [L, V, 3] m in a window that the replay passes through, NaN at driven vertices, and F [L] m² there."""
         t = window.start - self.window.start
-        return _residual(recording, window, self.x[t : t + window.length + 1], boundary)
+        return _residual(recording, window, self.x[t : t + window.length + 1], boundary), self.floor[t : t + window.length]
 
 
 def supported(base: Replayed, named: Replayed) -> float:
@@ -170,12 +173,18 @@ def mean_normals(each: Sequence[Replay | None]) -> Normals | None:
 
 
 def parted(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> float:
-    """Mean square distance [m²] between replays of the same recordings, mean over recordings; NaN where none can be compared.
+    """d² [m²] between replays of the same recordings, mean over recordings; NaN where none can be compared.
 
     Of all vertices and frames, seen or not: what two models do there needs no observation.
     """
     both = [(a, b) for a, b in zip(one, other, strict=True) if a is not None and b is not None]
-    return float(np.mean([_mean_square((a.x - b.x)[1:]) for a, b in both])) if both else np.nan
+    return float(np.mean([weighted((a.x - b.x)[1:], b.floor) for a, b in both])) if both else np.nan
+
+
+def weighted(r: Array, floor: Array) -> float:
+    """Σ_t w_t ⟨|r|²⟩_t of what was seen of r [L, V, 3] m, each frame over its own floor [L] m²."""
+    each = np.sum(r**2, -1) / floor[:, None]
+    return float(np.nansum(each) / np.sum(np.isfinite(each) / floor[:, None]))
 
 
 def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
@@ -183,9 +192,9 @@ def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
     found = _predicted(_well_started(todo), todo.model)
     if not found.complete:
         return None
-    r = _residual_of(todo, found.x)
-    apart = _mean_square((found.x - base.x)[1:][np.isfinite(r).all(-1)])
-    return Replay(Replayed(_mean_square(r), base.replayed.floor, apart), todo.window, found.x, _normals(found, r))
+    r, floor = _residual_of(todo, found.x), base.floor
+    apart = weighted((found.x - base.x)[1:], floor)
+    return Replay(Replayed(weighted(r, floor), base.replayed.floor, apart), todo.window, found.x, floor, _normals(found, r, floor))
 
 
 def _followed(job: tuple[Job, bool, int | None]) -> Prediction | None:
@@ -201,11 +210,12 @@ def _predicted(job: Job, model: Model) -> Prediction:
     return predict(model, job.recording, job.window, job.states, parameters=parameters, columns=job.columns)
 
 
-def _normals(found: Prediction, r: Array) -> Normals:
+def _normals(found: Prediction, r: Array, floor: Array) -> Normals:
     """E about a replay whose residual is r [L, V, 3] m."""
     seen = np.isfinite(r)
+    w = np.broadcast_to(1 / floor[:, None, None], r.shape)[seen]
     A = np.stack([r[seen], *(column[seen] for column in found.columns.values())], 1)
-    G = A.T @ A / (len(A) / 3)
+    G = (A.T * w) @ A / (w.sum() / 3)
     return Normals(tuple(found.columns), G[1:, 1:], G[1:, 0], float(G[0, 0]), len(A))
 
 
@@ -214,9 +224,11 @@ def _beside_others(job: Job, own: Prediction | None, others: Sequence[Prediction
     if own is None or not finished:
         return None
     r, noise = _residual_of(job, own.x), job.recording.noise[job.window.frames][1:]
-    seen = np.isfinite(r).all(-1)
-    floor = float(3 * np.mean(noise[seen] ** 2) + max(_mean_square((y - own.x)[1:][seen]) for y in finished))
-    return Replay(Replayed(_mean_square(r), floor), job.window, own.x, _normals(own, r))
+    seen, free = np.isfinite(r).all(-1), ~np.isin(np.arange(r.shape[1]), job.model.subject.cloth.boundary)
+    parting = [np.mean(np.sum((y - own.x)[1:, free] ** 2, -1), 1) for y in finished]
+    floor = 3 * np.mean(noise[seen] ** 2) + np.max(parting, 0)
+    whole = seen.sum() / np.sum(seen / floor[:, None])
+    return Replay(Replayed(weighted(r, floor), float(whole)), job.window, own.x, floor, _normals(own, r, floor))
 
 
 def _first(job: Job) -> Window:
@@ -258,7 +270,3 @@ def _residual(recording: Recording, window: Window, x: Array, boundary: Array) -
 
 def _residual_of(job: Job, x: Array) -> Array:
     return _residual(job.recording, job.window, x, job.model.subject.cloth.boundary)
-
-
-def _mean_square(r: Array) -> float:
-    return float(np.nanmean(np.sum(r**2, -1)))

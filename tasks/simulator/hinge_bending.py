@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from typing_extensions import override
 
 from tasks.geometry.meshes import face_areas
@@ -73,6 +74,22 @@ def hinge_shape(cloth: Cloth) -> Array:
     a, b, c, d = cloth.hinges.T
     first, second = (face_areas(cloth.x_rest, np.column_stack(corners).astype(np.int32)) for corners in ((a, b, c), (b, a, d)))
     return 3 * np.sum((cloth.x_rest[b] - cloth.x_rest[a]) ** 2, 1) / (first + second)
+
+
+def folds(cloth: Cloth) -> csr_matrix:
+    """∂θ/∂z [H, V] rad/m of hinges laid flat by deflections z [V] m across the cloth: of a corner 1/h, of the edge's ends −(1 − x/|e|)/h and −x/(|e| h), for
+    both corners of height h over the edge and foot x on it."""
+    a, b, *corners = cloth.hinges.T
+    edge = cloth.x_rest[b] - cloth.x_rest[a]
+    length = np.linalg.norm(edge, axis=1)
+    ê, hinge, found = edge / length[:, None], np.arange(len(a)), []
+    for corner in corners:
+        side = cloth.x_rest[corner] - cloth.x_rest[a]
+        foot = np.sum(side * ê, 1)
+        h = np.linalg.norm(side - foot[:, None] * ê, axis=1)
+        found += [(corner, 1 / h), (a, (foot / length - 1) / h), (b, -foot / length / h)]
+    vertices, values = (np.concatenate(each) for each in zip(*found, strict=True))
+    return csr_matrix((values, (np.tile(hinge, len(found)), vertices)), (len(a), len(cloth.x_rest)))
 
 
 def angles(x: Array, hinges: Indices) -> Array:

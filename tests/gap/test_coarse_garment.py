@@ -12,6 +12,7 @@ from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library
 from tasks.effects.model import Model
+from tasks.effects.retriangulated import retriangulated
 from tasks.gap.coarse_garment import coarse_garment
 from tasks.gap.garment_recordings import Garment
 from tasks.geometry.decimation import roundness
@@ -105,11 +106,15 @@ def test_driven_nodes_and_observations_carry_over_as_they_are(coarse):
 def test_the_answer_speaks_of_every_vertex(coarse):
     _, found = coarse
     mm = [None, *np.arange(1.0, 800)]
-    told = found.told({"where": {"vertex_mm": mm, "vertex_accel": mm, "frame_mm": [1.0]}, "seconds": 3})
+    found_there = {name: {"value": 2.0, "low": 1.0, "high": 4.0} for name in ("kappa_s_over_rho", "kappa_b_over_rho")}
+    told = found.told({"where": {"vertex_mm": mm, "vertex_accel": mm, "frame_mm": [1.0]}, "parameters": found_there, "seconds": 3})
     assert len(told["where"]["vertex_mm"]) == len(told["where"]["vertex_accel"]) == 3025
     assert told["where"]["vertex_mm"][found.kept[7]] == 7.0
     assert told["where"]["vertex_mm"][found.kept[0]] is None
     assert told["where"]["frame_mm"] == [1.0] and told["seconds"] == 3
+    times = found.on_whole(found.garment.model).subject.fabric.bending / found.garment.model.subject.fabric.bending
+    assert told["parameters"]["kappa_s_over_rho"] == found_there["kappa_s_over_rho"] and times != pytest.approx(1.0, abs=0.01)
+    assert told["parameters"]["kappa_b_over_rho"] == pytest.approx({"value": 2 * times, "low": times, "high": 4 * times})
 
 
 def test_what_was_found_is_put_on_the_whole_garment(coarse):
@@ -120,7 +125,9 @@ def test_what_was_found_is_put_on_the_whole_garment(coarse):
     named = replace(thin, subject=replace(thin.subject, fabric=fabric), effects=(drag,), strengths={drag.name: np.array([5.0])})
     model = found.on_whole(named)
     assert model.subject.cloth is whole.model.subject.cloth
-    assert (model.subject.fabric, model.effects, model.strengths) == (fabric, (drag,), named.strengths)
+    assert (model.effects, model.strengths) == ((drag,), named.strengths)
+    as_thinned = retriangulated(model.subject, thin.subject.cloth).fabric
+    assert as_thinned.bending == pytest.approx(7.0) and model.subject.fabric == replace(fabric, bending=model.subject.fabric.bending)
 
 
 def test_a_small_garment_is_left_as_it_is():
@@ -128,7 +135,10 @@ def test_a_small_garment_is_left_as_it_is():
     found = coarse_garment(whole)
     assert found.garment is whole
     np.testing.assert_array_equal(found.recording(whole.recordings[0]).observed, whole.recordings[0].observed)
-    assert found.told({"where": {"vertex_mm": [1.0] * 400, "vertex_accel": [2.0] * 400}})["where"]["vertex_accel"] == [2.0] * 400
+    assert (
+        found.told({"where": {"vertex_mm": [1.0] * 400, "vertex_accel": [2.0] * 400}, "parameters": {}})["where"]["vertex_accel"]
+        == [2.0] * 400
+    )
 
 
 def test_longer_edges_stand_higher_on_a_body_which_is_drawn_in_for_that():

@@ -12,7 +12,7 @@ from tasks.gap.confirmation import CHANCES, confirmed, decided
 from tasks.gap.held_out import fallen
 from tasks.gap.refits import Refitted
 from tasks.gap.replay import Replay, Replayed
-from tests.gap.test_held_out import evidence
+from tests.gap.test_held_out import PRIOR, evidence
 from tests.gap.test_hypotheses import EFFECTS
 from tests.gap.test_trials import Rehearsed
 
@@ -31,7 +31,11 @@ def put(monkeypatch):
         t.screened.hypotheses = tuple(
             replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
         )
-        t.screened.evidence, t.screened.base = _simulated(np.random.default_rng(0), base), SimpleNamespace(model="none", prior=None)
+        t.screened.prior, t.screened.evidence, t.screened.base = (
+            PRIOR,
+            _simulated(np.random.default_rng(0), base),
+            SimpleNamespace(model="none", prior=PRIOR),
+        )
         t.alike, t.train = alike, SimpleNamespace(recordings=())
         t.windows = t.screened.evidence
         t.settle(quick=False)
@@ -96,6 +100,11 @@ def test_motion_that_is_at_its_floor_already_says_nothing(put):
     assert _of(after.verdict, FRICTION) == _of(before.verdict, FRICTION)
 
 
+def test_at_its_floor_motion_that_is_likelier_with_a_cause_confirms_it(put):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 0.9}, base=1.0)
+    assert found.verdict.classes == ((FRICTION,),) and found.gap.closed_fraction is None and found.gap.falls > 0.9
+
+
 def _of(verdict, name):
     return next(c.probability for c in verdict.ranking if name in c.names)
 
@@ -126,7 +135,7 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     still, nudged, moved = (np.full((9, V, 3), d) for d in (0.0, 1e-3, 3e-3))  # 5.2, 3.5 and 0 mm off
 
     def of(x):
-        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, None),)
+        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, np.full(8, 4e-6), None),)
 
     recordings = tuple(SimpleNamespace(observed=np.full((12, V, 3), offset)) for offset in (1.0, 3e-3))
     kept = SimpleNamespace(windows=[Window(0, 4, 3), Window(1, 4, 3), Window(1, 8, 3)], recordings=recordings)

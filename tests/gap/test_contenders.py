@@ -73,7 +73,7 @@ def test_a_twin_of_what_was_simulated_does_not_lead_by_what_it_was_before():
 
 
 def replay(replayed):
-    return Replay(replayed, None, np.zeros((1, 1, 3)), None)
+    return Replay(replayed, None, np.zeros((1, 1, 3)), np.ones(0), None)
 
 
 def test_only_what_came_nearer_over_whole_recordings_predicts_others():
@@ -115,7 +115,7 @@ def test_a_second_cause_is_weighed_against_replays_of_the_first(monkeypatch, fir
     h = replace(ranked({"contact_friction": 0.3})[0], base=np.zeros(2))
     model = SimpleNamespace(strength=lambda e: np.array(list(h.strengths.values())))
     x = {d: np.full((3, 4, 3), d) for d in (0.0, 1e-3, 3e-3)}
-    base, alone, both = ((Replay(Replayed(gap, 1e-6, apart), Window(0, 0, 2), x[d], None),) for gap, apart, d in OFF)
+    base, alone, both = ((Replay(Replayed(gap, 1e-6, apart), Window(0, 0, 2), x[d], np.full(2, 1e-6), None),) for gap, apart, d in OFF)
     monkeypatch.setattr(refits, "replayed_by", lambda *_, **__: both)
     monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
     monkeypatch.setattr(refits, "joint", lambda windows, *_: windows)

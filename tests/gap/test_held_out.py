@@ -1,30 +1,33 @@
 """How far a gap shrinks: the fraction of what can be closed, its interval, and when it is not stated."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Evidence
+from tasks.cloth.shooting import Evidence, Prior
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.acceleration import fitted_acceleration
-from tasks.gap.held_out import shrinkage, unchanged
+from tasks.gap.held_out import likelier, shrinkage, unchanged
 
-NOTHING = Normals((), np.zeros((0, 0)), np.zeros(0), 0.0, 0)
+PRIOR = Prior(1e-3, 1e-2)
+compared = partial(shrinkage, prior=PRIOR)
 
 
 def evidence(rng, rms_mm, count=12):
-    """Windows of five frames and thirty vertices with residuals of this root mean square distance."""
+    """Windows of five frames and thirty vertices with residuals of this root mean square distance, white for 1 mm."""
     found = []
     for k in range(count):
         r = rng.standard_normal((5, 30, 3)) * rms_mm * 1e-3 / np.sqrt(3)
-        found.append(Evidence(Prediction(Window(0, 5 * k, 5), np.zeros((6, 30, 3)), {}, "converged", 0), NOTHING, r))
+        white = Normals(("x 0 x",), np.zeros((1, 1)), np.zeros(1), float(np.sum(r**2) / 1e-6), r.size)
+        found.append(Evidence(Prediction(Window(0, 5 * k, 5), np.zeros((6, 30, 3)), {}, "converged", 0), white, r))
     return found
 
 
 def test_half_of_what_can_be_closed_is_half():
     rng = np.random.default_rng(0)
-    gap = shrinkage(evidence(rng, 10.0), evidence(rng, np.sqrt((10.0**2 + 3.0**2) / 2)), floor_mm=3.0, held_out=True)
+    gap = compared(evidence(rng, 10.0), evidence(rng, np.sqrt((10.0**2 + 3.0**2) / 2)), floor_mm=3.0, held_out=True)
     assert gap.before_mm == pytest.approx(10.0, rel=0.03)
     assert gap.closed_fraction == pytest.approx(0.5, abs=0.05)
     assert gap.low < 0.5 < gap.high and gap.shrinks
@@ -32,23 +35,54 @@ def test_half_of_what_can_be_closed_is_half():
 
 def test_no_change_does_not_shrink():
     rng = np.random.default_rng(1)
-    gap = shrinkage(evidence(rng, 10.0), evidence(rng, 10.0), floor_mm=3.0, held_out=True)
+    gap = compared(evidence(rng, 10.0), evidence(rng, 10.0), floor_mm=3.0, held_out=True)
     assert not gap.shrinks
 
 
 def test_at_the_floor_no_fraction_is_stated():
     rng = np.random.default_rng(2)
-    gap = shrinkage(evidence(rng, 3.1), evidence(rng, 3.0), floor_mm=3.0, held_out=True)
+    gap = compared(evidence(rng, 3.1), evidence(rng, 3.0), floor_mm=3.0, held_out=True)
     assert gap.closed_fraction is None and gap.shrinks  # a little is enough
-    worse = shrinkage(evidence(rng, 3.0), evidence(rng, 3.1), floor_mm=3.0, held_out=True)
+    worse = compared(evidence(rng, 3.0), evidence(rng, 3.1), floor_mm=3.0, held_out=True)
     assert worse.closed_fraction is None and not worse.shrinks
+
+
+def test_at_the_floor_what_is_likelier_counts_and_not_what_is_nearer():
+    """Errors that the start or neighbours explain make no gap smaller; of what is left, a millimetre says more than of them."""
+    rng = np.random.default_rng(8)
+    before, after = evidence(rng, 3.0, 6), evidence(rng, 3.1, 6)
+    explained = [replace(e, normals=replace(e.normals, c=0.5 * e.normals.c)) for e in after]
+    assert compared(before, explained, floor_mm=3.0, held_out=True).shrinks
+    assert not compared(before, after, floor_mm=3.0, held_out=True).shrinks
+    nearer = [replace(e, normals=replace(e.normals, c=2 * e.normals.c)) for e in evidence(rng, 2.9, 6)]
+    assert not compared(before, nearer, floor_mm=3.0, held_out=True).shrinks
+    assert compared(evidence(rng, 10.0), evidence(rng, 5.0), floor_mm=3.0, held_out=True).falls == 1.0
+
+
+def test_how_much_likelier_is_told_with_the_start_marginalised_and_each_window_by_its_own_misfit():
+    rng = np.random.default_rng(9)
+    (b,) = evidence(rng, 3.0, 1)
+    G, g = np.array([[4e6]]), np.array([3e4])
+    told = replace(
+        b, normals=replace(b.normals, G=G, g=g, c=b.normals.c + 200.0)
+    )  # the start explains 3e4²/(4e6 + 1e6) = 180 of it, and costs log 5
+    assert (
+        likelier([(b, told)], PRIOR) == 0.0
+        and likelier([(replace(b, normals=replace(b.normals, c=b.normals.c + 22.0)), told)], PRIOR) == 1.0
+    )
+    assert likelier([(replace(b, normals=replace(b.normals, c=b.normals.c + 21.0)), told)], PRIOR) == 0.0
+    lost = replace(b, normals=replace(b.normals, c=1e6))
+    ten = [(lost, replace(lost, normals=replace(lost.normals, c=1e6 - 300)))] + [
+        (b, replace(b, normals=replace(b.normals, c=b.normals.c + 100)))
+    ] * 1
+    assert likelier(ten, PRIOR) == pytest.approx(0.25, abs=0.03)  # 300 of a million are fewer than 100 of hundreds
 
 
 def test_a_model_that_follows_no_window_leaves_the_gap_before():
     rng = np.random.default_rng(4)
     before, after = evidence(rng, 10.0), evidence(rng, 5.0)
     lost = [replace(e, prediction=replace(e.prediction, ending="stalled"), residual=None) for e in after]
-    gap = shrinkage(before, lost, floor_mm=3.0, held_out=True)
+    gap = compared(before, lost, floor_mm=3.0, held_out=True)
     assert gap.before_mm == pytest.approx(10.0, rel=0.03) and np.isnan(gap.after_mm) and not gap.shrinks
     assert unchanged(gap).after_mm == gap.before_mm
 
@@ -56,10 +90,10 @@ def test_a_model_that_follows_no_window_leaves_the_gap_before():
 def test_what_was_not_seen_does_not_count():
     rng = np.random.default_rng(3)
     before, after = evidence(rng, 10.0), evidence(rng, 5.0)
-    whole = shrinkage(before, after, floor_mm=1.0, held_out=False)
+    whole = compared(before, after, floor_mm=1.0, held_out=False)
     for e in (*before, *after):
         e.residual[:, 20:] = np.nan
-    part = shrinkage(before, after, floor_mm=1.0, held_out=False)
+    part = compared(before, after, floor_mm=1.0, held_out=False)
     assert part.before_mm == pytest.approx(whole.before_mm, rel=0.05)
 
 
@@ -75,16 +109,16 @@ def test_a_cause_that_acts_in_one_window_of_five_still_shrinks_the_gap():
     rng = np.random.default_rng(4)
     before = [*evidence(rng, 1.3, 4), *evidence(rng, 12.0, 1)]
     after = [*evidence(rng, 1.3, 4), *evidence(rng, 1.3, 1)]
-    gap = shrinkage(before, after, floor_mm=1.3, held_out=True)
+    gap = compared(before, after, floor_mm=1.3, held_out=True)
     assert gap.closed_fraction > 0.9 and gap.shrinks
     assert gap.low < 0  # what the draws without that window say
 
 
 def test_where_nothing_is_named_after_is_as_before():
     rng = np.random.default_rng(5)
-    gap = unchanged(shrinkage(evidence(rng, 10.0), evidence(rng, 12.0), floor_mm=3.0, held_out=True))
+    gap = unchanged(compared(evidence(rng, 10.0), evidence(rng, 12.0), floor_mm=3.0, held_out=True))
     assert gap.after_mm == gap.before_mm and gap.closed_fraction == gap.low == gap.high == 0.0 and not gap.shrinks
-    floor = unchanged(shrinkage(evidence(rng, 3.0), evidence(rng, 4.0), floor_mm=3.0, held_out=True))
+    floor = unchanged(compared(evidence(rng, 3.0), evidence(rng, 4.0), floor_mm=3.0, held_out=True))
     assert floor.closed_fraction is None
 
 
@@ -93,12 +127,12 @@ def test_a_tenth_of_what_can_be_closed_is_no_cause():
     rng = np.random.default_rng(6)
     before = evidence(rng, 10.0)
     after = [replace(b, residual=b.residual * np.sqrt(0.92)) for b in before]
-    gap = shrinkage(before, after, floor_mm=4.0, held_out=True)
+    gap = compared(before, after, floor_mm=4.0, held_out=True)
     assert gap.falls == 1.0 and 0.05 < gap.closed_fraction < 0.12 and not gap.shrinks
 
 
 def test_an_interval_near_the_floor_is_one_that_can_be_read():
     """In a third of the draws nothing is left to close."""
     rng = np.random.default_rng(7)
-    gap = shrinkage(evidence(rng, 3.0, 3) + evidence(rng, 5.0, 1), evidence(rng, 2.9, 4), floor_mm=3.0, held_out=True)
+    gap = compared(evidence(rng, 3.0, 3) + evidence(rng, 5.0, 1), evidence(rng, 2.9, 4), floor_mm=3.0, held_out=True)
     assert -0.5 < gap.low < gap.closed_fraction < gap.high < 4

@@ -12,7 +12,7 @@ from tasks.cloth.windows import predict, windows
 from tasks.effects.library import library
 from tasks.gap import replay
 from tasks.gap.gathered import Gathered
-from tasks.gap.replay import Replay, Replayed, base_replays, mean, mean_normals, nearer, replayed_by, replays, supported
+from tasks.gap.replay import Replay, Replayed, base_replays, mean, mean_normals, nearer, parted, replayed_by, replays, supported, weighted
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -57,7 +57,7 @@ def test_the_yardstick_is_the_farther_of_two_replays(blown, monkeypatch):
     own = mean(base_replays(model, (), data))
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] == 1 else near(job))
     finer = mean(base_replays(model, (), data))
-    assert own.floor != finer.floor and whole.floor == max(own.floor, finer.floor) and whole.gap == own.gap
+    assert own.floor != finer.floor and whole.floor > 0.99 * max(own.floor, finer.floor)  # frame by frame, under other weights
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] is not None else near(job))
     assert np.isnan(mean(base_replays(model, (), data)).floor)
 
@@ -78,15 +78,17 @@ def test_a_replay_starts_where_its_first_frames_ask_for():
     assert off > 2.5 * right and found < 1.5 * right, (off, found, right)
 
 
-def test_derivatives_of_replays_foretell_what_adding_the_cause_does(blown):
+def test_derivatives_of_replays_foretell_what_adding_the_cause_does(blown, monkeypatch):
+    """Both from the states themselves, for a start is corrected anew with the cause."""
     model, windy, data = blown
+    monkeypatch.setattr(replay, "_well_started", lambda job: job)
     without = base_replays(model, [WIND], data)
-    told, w = mean_normals(without), np.array([0.05, 0.0])
+    told, w = mean_normals(without), np.array([0.02, 0.0])
     little = replayed_by(replace(windy, strengths={WIND.name: w}), without, data)
     i = told.index(WIND.columns)
     foretold = told.c - 2 * told.g[i] @ w + w @ told.G[np.ix_(i, i)] @ w
     gained = told.c - mean(little).gap
-    assert gained > 0.1 * told.c and told.c - foretold == pytest.approx(gained, rel=0.1)  # its start is corrected anew
+    assert gained > 0.02 * told.c and told.c - foretold == pytest.approx(gained, rel=0.05)
 
 
 def test_a_replay_is_compared_in_any_window_that_it_passes_through(blown):
@@ -94,9 +96,9 @@ def test_a_replay_is_compared_in_any_window_that_it_passes_through(blown):
     few = data.only(data.windows[1::2])
     (whole,) = base_replays(model, (), few)
     boundary = model.subject.cloth.boundary
-    own = [whole.residual(data.recordings[0], w, boundary) for w in few.windows]
+    own, floors = zip(*(whole.within(data.recordings[0], w, boundary) for w in few.windows), strict=True)
     assert all(whole.holds(w) for w in few.windows) and not whole.holds(data.windows[0])
-    assert np.nanmean(np.sum(np.concatenate(own) ** 2, -1)) == pytest.approx(whole.replayed.gap, rel=0.2)
+    assert weighted(np.concatenate(own), np.concatenate(floors)) == pytest.approx(whole.replayed.gap, rel=0.2)
     assert np.isnan(own[0][:, boundary]).all()
 
 
@@ -107,6 +109,19 @@ def test_replays_that_cannot_be_finished_say_nothing(blown):
     assert np.isnan(mean(replayed_by(model, [None], data)).gap) and mean_normals([None]) is None
     assert nothing.something_missing == 0.0
     assert supported(nothing, Replayed(1e-6, 1e-6)) == supported(Replayed(1e-6, 1e-6), nothing) == 0.0
+
+
+def test_each_frame_counts_over_its_own_floor():
+    """Two millimetres off, then a metre where nobody can foretell anything: a cause that halves the first is seen."""
+    floor = np.array([1e-6, 1e-6, 1.0])
+    off = np.array([2e-3, 2e-3, 1.0])[:, None, None] * np.ones((3, 5, 3)) / 3**0.5
+    w = (1 / floor) / np.sum(1 / floor)
+    assert weighted(off, floor) == pytest.approx(w @ [4e-6, 4e-6, 1.0]) and weighted(off, floor) == pytest.approx(4e-6, rel=0.2)
+    unseen = off.copy()
+    unseen[:2, :4] = np.nan
+    assert weighted(unseen, floor) > weighted(off, floor)  # of the first frames a fifth is left, of the last all
+    base, found = (Replay(Replayed(1.0, 1.0), None, x, floor, None) for x in (np.zeros((4, 5, 3)), np.concatenate([off[:1], off])))
+    assert parted([found, None], [base, base]) == pytest.approx(weighted(off, floor))
 
 
 def test_what_lies_between_the_windows_is_not_looked_at(blown):
@@ -146,7 +161,7 @@ def test_a_floor_of_centimetres_says_little():
 
 def test_whoever_loses_a_recording_has_not_come_nearer():
     def of(*gaps):
-        return [None if gap is None else Replay(Replayed(gap, 1e-6), None, np.zeros((1, 1, 3)), None) for gap in gaps]
+        return [None if gap is None else Replay(Replayed(gap, 1e-6), None, np.zeros((1, 1, 3)), np.ones(0), None) for gap in gaps]
 
     assert nearer(of(2e-6, 8e-6), of(4e-6, 8e-6)) and not nearer(of(4e-6, 8e-6), of(2e-6, 8e-6))
     assert not nearer(of(2e-6, None), of(4e-6, 8e-6)) and nearer(of(2e-6, None), of(4e-6, None))

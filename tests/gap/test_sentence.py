@@ -40,6 +40,14 @@ def test_how_motion_kept_out_was_compared_is_said():
     assert whole == "on motion kept out of the fit, replayed in one run, falls to"
 
 
+def test_a_name_at_the_floor_says_by_what_it_is_confirmed():
+    gap = Shrinkage(2.6, 2.7, 2.8, None, None, None, True, 0.9)
+    told = sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, ()), shrinkage=gap))
+    assert told.endswith(
+        "(floor 2.8 mm); the cause is drag (probability 70%), with which motion kept out of the fit is likelier, though its gap is at the floor."
+    )
+
+
 def test_what_motion_kept_out_says_nothing_of_is_still_told():
     gap = Shrinkage(2.6, 2.6, 2.8, None, None, None, True)
     ranking = (Candidate(("drag", "lag"), 0.9, object()), Candidate(("none",), 0.1))
