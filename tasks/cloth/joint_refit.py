@@ -71,8 +71,11 @@ def refit_jointly(
     run: Map = map,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Completed:
-    """From the refitted base, on the windows it could follow (`jobs`), with at most `iterations` accepted steps; noise [m] per coordinate."""
-    model = replace(base.model, effects=tuple(effects), strengths={e.name: np.zeros(len(e.strengths)) for e in effects})
+    """From the refitted base, on the windows it could follow (`jobs`), with at most `iterations` accepted steps; noise [m] per coordinate.
+
+    Strengths begin at those that the base's model has, zero by default.
+    """
+    model = replace(base.model, effects=tuple(effects), strengths={e.name: base.model.strength(e) for e in effects})
     jobs = [replace(job, columns=True) for job in jobs]
     now = _followed(model, jobs, run)
     prior, ending = estimated_prior(now, noise), f"stopped after {iterations} iterations"

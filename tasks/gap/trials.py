@@ -3,6 +3,7 @@
 Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where its strength
 moved, from where it stands; and where it leaves much unexplained, once from the fabric that the base refit began with: a base that lacks the cause
 may have bent the fabric so far that no step leads back (stretch that stood in for a pattern of another size ended at a twentieth of the true one).
+Where even so much is left, effects at strengths that show are asked too (`probes.py`).
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from tasks.gap.held_out import floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
+from tasks.gap.probes import probed
 from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, foretold_beside, moved_on, refitted, replayed, searched
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
@@ -28,7 +30,7 @@ LEADERS = 3  # contenders that are simulated
 AGAIN = 4  # further simulations of whichever leads
 PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first simulation takes the strength that they ask for too
 SECOND = 3.0  # log Bayes factor, foretold, from which a second effect is simulated beside the leader: one of thirty, and rarer than a first
-DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model
+DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model, and effects are probed at fair strengths
 
 
 class Trials:
@@ -43,6 +45,7 @@ class Trials:
         self.alike = twins(self.cosines)
         self.after: dict[str, Refitted] = {}
         self.vetoed: frozenset[str] = frozenset()
+        self._afresh: set[str] = set()
         tell("replays")
         found = base_replays(screened.base.model, screened.windows.effects, self.train, run)
         self._told = mean_normals(found)
@@ -94,23 +97,36 @@ class Trials:
         for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing, promise):
             together = h not in seen and promise.get(h.name, 0.0) > PROMISING
             self.after[h.name] = self.simulate(whole[h.name][0] if together else h)
-        afresh: set[str] = set()
+        self._until_it_stands_still(quick=quick)
+        if not quick:
+            if self.doubt() > DOUBTFUL:
+                self._probe()
+            self._with_second()
+
+    def _until_it_stands_still(self, *, quick: bool) -> None:
+        """Simulate whichever leads again, as long as it moves; once afresh, if it leaves much."""
         for _ in range(1 if quick else AGAIN):
             leader = self.leader
             now = self.after.get(leader.name)
             if now is None or now.windows is None:
                 return
-            if not quick and leader.name not in afresh and self.doubt() > DOUBTFUL:
-                afresh.add(leader.name)
-                other = self._afresh(leader)
+            if not quick and leader.name not in self._afresh and self.doubt() > DOUBTFUL:
+                self._afresh.add(leader.name)
+                other = self._from_first_fabric(leader)
                 if other.hypothesis.evidence > now.hypothesis.evidence:
                     self.after[leader.name] = other
             elif moved_on(now):
                 self.after[leader.name] = self.simulate(leader, now.model)
             else:
                 break
-        if not quick:
-            self._with_second()
+
+    def _probe(self) -> None:
+        """Simulate what fair strengths propose, derivatives having proposed nothing that leaves little."""
+        known = {*self.after, *(n for pair in self.alike if pair & set(self.after) for n in pair)}
+        self.tell("probes")
+        for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.run):
+            self.after[h.name] = self.simulate(h, model)
+        self._until_it_stands_still(quick=False)
 
     def _with_second(self) -> None:
         """Simulate the likeliest second effect beside the leader, if there is one that windows and whole recordings together promise."""
@@ -126,7 +142,7 @@ class Trials:
             both = both if support > PROMISING else pairs[best]
             self.after[both.name] = self.simulate(both, first.model)
 
-    def _afresh(self, leader: Fitted) -> Refitted:
+    def _from_first_fabric(self, leader: Fitted) -> Refitted:
         """Two joint steps of fabric and strength from the first fabric: after one the fabric is still that of the start."""
         once = self.simulate(replace(leader, base=np.zeros_like(leader.base)), self.first)
         return self.simulate(once.hypothesis, once.model) if once.windows is not None else once

@@ -25,9 +25,12 @@ class Rehearsed(Trials):
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
-        self.promised = {}
+        self.promised, self.proposed, self.probed, self._afresh = {}, [], [], set()
         self.asked, self.finds, self.left, self.windows, self.seconds = [], finds, doubt, (), ()
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
+        monkeypatch.setattr(
+            trials, "probed", lambda screened, train, effects, run: self.probed.append([e.name for e in effects]) or self.proposed
+        )
 
     def simulate(self, hypothesis, start=None):
         origin = getattr(start, "name", "base")
@@ -83,6 +86,21 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
     assert [origin for _, origin in t.asked[:3]] == ["base", "first", "first+"]
     assert sum(origin == "first" for _, origin in t.asked) == 1
     assert t.leader.evidence == (15.0 if better else 12.0)
+
+
+@pytest.mark.parametrize(("doubt", "quick"), [(0.9, False), (0.1, False), (0.9, True)])
+def test_where_all_that_leaves_much_what_probes_propose_is_simulated(monkeypatch, doubt, quick):
+    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, {FRICTION: 5.0, "gravity_tilt": 9.0}.get(name, 1.0)))
+    t.alike = frozenset({frozenset({FRICTION, "fabric_mass_damping"})})
+    t.proposed = [(h, SimpleNamespace(name="probed")) for h in t.screened.hypotheses if h.name == "gravity_tilt"]
+    t.settle(quick=quick)
+    if doubt < 0.5 or quick:
+        assert not t.probed and t.leader.name == FRICTION
+        return
+    (asked,) = t.probed
+    assert FRICTION not in asked and "fabric_mass_damping" not in asked and "gravity_tilt" in asked  # not what was simulated, nor its twin
+    assert t.leader.name == "gravity_tilt" and [origin for name, origin in t.asked if name == "gravity_tilt"][:2] == ["probed", "first"]
+    assert [origin for name, origin in t.asked if name == FRICTION].count("first") == 1
 
 
 def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):

@@ -1,0 +1,105 @@
+"""Probes: effects simulated at a strength that shows, where derivatives at strength zero led to no name.
+
+What a strong cause does is not what its derivative foretells: to cloth five times softer one way than the other an isotropic base fits the mean, and the slope
+there may point nowhere; air that weighs five times what the cloth does makes it another fabric. So what acts through forces is simulated at `PROBED` typical
+strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks by
+
+    ⟨log(J_w/J_w^base)⟩_w        J_w: misfit with start and base parameters marginalised by the base's derivatives; the mean of logarithms, for a window
+                                 that kinks would outvote the others
+
+From where the best are, base and strength are fitted together in all windows (`cloth/joint_refit.py`); there they are simulated and weighed as all others are
+(`trials.py`): a probe proposes, and is no evidence.
+
+Source: the logarithm of a sum of squares is the log likelihood where its scale is unknown. Limits: one strength either way, of each component alone.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.cloth.joint_refit import refit_jointly
+from tasks.cloth.shooting import PARAMETERS, Job, Map, Prior, state_names, without_state
+from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import Prediction, marginalised, normals, predict
+from tasks.effects.effect import Effect
+from tasks.effects.model import Model
+from tasks.gap.gathered import Gathered, jobs
+from tasks.gap.hypotheses import BASE_SPREAD, Fitted
+from tasks.gap.screening import Screened
+
+Array = NDArray[np.float64]
+
+PROBED = 2.0  # typical strengths
+FEW = 3  # windows
+STARTING = 12  # modes of their starts
+BEST = 2  # effects that are proposed
+ITERATIONS = 5  # of the fit of base and strength together
+NEARER = 0.1  # mean logarithm of J_w^base/J_w from which one is
+
+
+def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], run: Map) -> list[tuple[Fitted, Model]]:
+    """Those of these effects that are worth a simulation, the nearest first, and the model in whose fabric they are."""
+    prior, model = screened.base.prior, screened.base.model
+    worst = sorted(screened.evidence, key=lambda e: -without_state(e.normals, prior).c / e.normals.n)[:FEW]
+    few = _forgetful(data.only(e.prediction.window for e in worst))
+    todo = jobs(model, few, smooth_modes(model.subject.cloth, STARTING))
+    asked = list(_strengths(effects))
+    base = list(run(_followed, todo))
+    found = list(run(_predicted, [replace(job, model=model.joined([e], {e.name: θ})) for job in todo for e, θ in asked]))
+    each = [found[k : k + len(asked)] for k in range(0, len(found), len(asked))]
+    nearer = np.mean([_nearer(job, b, own, prior) for job, b, own in zip(todo, base, each, strict=True)], 0)
+    best = {}
+    for k in np.argsort(-nearer):
+        if nearer[k] > NEARER:
+            best.setdefault(*asked[k])
+    return [_fitted(screened, data, e, θ, run) for e, θ in list(best.items())[:BEST]]
+
+
+def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: Map) -> tuple[Fitted, Model]:
+    """The hypothesis where base and strength come to rest from there, and the model."""
+    model = screened.base.model.joined([], {effect.name: θ})
+    offsets = [e.offsets for e in screened.evidence]
+    todo = jobs(model, _forgetful(data), smooth_modes(model.subject.cloth, STARTING))
+    todo = [replace(job, offsets=own) for job, own in zip(todo, offsets, strict=True)]
+    found = refit_jointly(replace(screened.base, model=model), todo, [effect], noise=data.noise, iterations=ITERATIONS, run=run).model
+    h = next(h for h in screened.hypotheses if h.name == effect.name)
+    strengths = dict(zip(effect.columns, map(float, found.strength(effect)), strict=True))
+    return replace(h, base=np.zeros_like(h.base), strengths=strengths), found
+
+
+def _forgetful(data: Gathered) -> Gathered:
+    """Errors of tracking without memory, which is dear to whiten."""
+    return replace(data, recordings=tuple(replace(r, correlation=replace(r.correlation, memory=0.0)) for r in data.recordings))
+
+
+def _strengths(effects: Sequence[Effect]) -> Iterator[tuple[Effect, Array]]:
+    """Each component of each effect that acts through forces by itself: up and, where it may be negative, down."""
+    for effect in effects:
+        for i, s in enumerate(effect.strengths if effect.acts_through & {"potentials", "fabric"} else ()):
+            for sign in (1.0, -1.0) if s.low < 0 else (1.0,):
+                θ = np.zeros(len(effect.strengths))
+                θ[i] = np.clip(sign * PROBED * s.typical, s.low, s.high)
+                yield effect, θ
+
+
+def _followed(job: Job) -> Prediction:
+    return predict(job.model, job.recording, job.window, job.states, parameters=PARAMETERS, φ=job.φ)
+
+
+def _predicted(job: Job) -> Array | None:
+    """x [L + 1, V, 3] m; None where the simulation fails."""
+    found = predict(job.model, job.recording, job.window, job.states)
+    return found.x if found.complete else None
+
+
+def _nearer(job: Job, base: Prediction, found: Sequence[Array | None], prior: Prior) -> Array:
+    """log(J_w^base/J_w) of each probe [N] of a window; −∞ where there is none. Each enters the base's normal equations as a column of coefficient one."""
+    probes = {f"probe {k}": (x - base.x)[1:] for k, x in enumerate(found) if x is not None}
+    n = normals(replace(base, columns={**base.columns, **probes}), job.recording, job.model.subject)
+    z = state_names(n.names)
+    n = marginalised(n, [*z, *PARAMETERS], np.concatenate([prior.variances(z), np.full(len(PARAMETERS), BASE_SPREAD**2)]))
+    J = {name: n.c - 2 * n.g[i] + n.G[i, i] for i, name in enumerate(n.names)}
+    names = [f"probe {k}" for k in range(len(found))]
+    return np.array([np.log(n.c / J[name]) if name in J else -np.inf for name in names])

@@ -1,0 +1,88 @@
+"""Effects simulated at a strength that shows: the one that was left out comes nearest, and where nothing was, nobody does."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tasks.cloth.shooting import PARAMETERS, BaseFit, Prior, follow, without_state
+from tasks.cloth.start_state import states
+from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import marginalised, normals, predict, windows
+from tasks.effects.library import library
+from tasks.gap import probes
+from tasks.gap.gathered import Gathered, jobs
+from tasks.gap.hypotheses import BASE_SPREAD, Fitted
+from tasks.gap.probes import FEW, PROBED, STARTING, probed
+from tests.cloth.test_windows import FPS, swung
+
+NOISE = 1e-3
+NAMES = ("air_normal_drag", "fabric_bending_damping", "fabric_density_gradient", "body_lag")
+EFFECTS = tuple(library()[name] for name in NAMES)
+
+
+def screened(model, data):
+    """As much of the screening as probes ask for."""
+    prior = Prior(NOISE, 0.03)
+    evidence = tuple(map(follow, jobs(model, data, smooth_modes(model.subject.cloth, STARTING))))
+    C = np.eye(2)
+    hypotheses = tuple(Fitted((e,), np.ones(2), C, dict.fromkeys(e.columns, 0.0), np.eye(len(e.columns)), np.zeros(1), ()) for e in EFFECTS)
+    return SimpleNamespace(base=BaseFit(model, C, prior, evidence, (), "converged"), evidence=evidence, hypotheses=hypotheses)
+
+
+@pytest.fixture(scope="module")
+def panels():
+    """A panel that swings, and what its model finds of it alone, and of it with drag that it does not know; model -> the screening, the windows."""
+    model, recording, x, v = swung(31, noise=NOISE)
+    drag = EFFECTS[0]
+    dragged = replace(model, effects=(drag,), strengths={drag.name: np.array([20.0])})
+    y = np.stack([f.x for f in dragged.run(recording.motion, x[0], v[0])])
+    slowed = replace(recording, observed=y + NOISE * np.random.default_rng(1).standard_normal(y.shape))
+    each = [Gathered((r,), (states(model, r.motion, r.observed, NOISE),), tuple(windows([r], FPS))) for r in (recording, slowed)]
+    return [(screened(model, data), data) for data in each]
+
+
+def test_what_was_left_out_is_proposed_where_it_comes_to_rest_with_the_base(panels):
+    _, (found, data) = panels
+    (first, model), *_ = probed(found, data, EFFECTS, map)
+    assert first.name == "air_normal_drag" and not first.base.any()
+    (θ,) = first.strengths.values()
+    assert θ == pytest.approx(20.0, rel=0.1) and θ == model.strength(EFFECTS[0])[0]
+    fabric = found.base.model.subject.fabric
+    assert 0.3 < model.subject.fabric.bending / fabric.bending < 3 and model.subject.fabric != fabric
+
+
+def test_where_nothing_is_missing_nothing_is_proposed(panels):
+    (found, data), _ = panels
+    assert probed(found, data, EFFECTS, map) == []
+
+
+def test_only_the_worst_windows_are_simulated_with_what_acts_through_forces_either_way(panels, monkeypatch):
+    (found, data), _ = panels
+    asked = []
+    monkeypatch.setattr(probes, "_predicted", lambda job: asked.append((job.window, *job.model.strengths.items())))
+    assert probed(found, data, EFFECTS, map) == []  # none could be simulated
+    worst = sorted(found.evidence, key=lambda e: -without_state(e.normals, found.base.prior).c / e.normals.n)[:FEW]
+    assert [w for w, *_ in asked] == [e.prediction.window for e in worst for _ in range(4)]
+    assert [(name, float(*θ)) for _, (name, θ) in asked[:4]] == [
+        (e.name, sign * PROBED * e.strengths[0].typical) for e, sign in zip((*EFFECTS[:3], EFFECTS[2]), (1, 1, 1, -1))
+    ]
+
+
+def test_a_probe_is_as_near_as_its_own_normal_equations_say(panels):
+    """One column of coefficient one, against the window weighed anew."""
+    _, (found, data) = panels
+    model, prior = found.base.model, found.base.prior
+    job = jobs(model, data, smooth_modes(model.subject.cloth, STARTING))[2]
+    base = probes._followed(job)
+    other = predict(model.joined([EFFECTS[0]], {NAMES[0]: np.array([16.0])}), job.recording, job.window, job.states).x
+    nearer = probes._nearer(job, base, [other, None], prior)
+
+    def misfit(x):
+        n = normals(replace(base, x=x), job.recording, model.subject)
+        z = [name for name in n.names if name not in PARAMETERS]
+        return marginalised(n, [*z, *PARAMETERS], np.array([*prior.variances(z), *[BASE_SPREAD**2] * 2])).c
+
+    assert nearer[0] == pytest.approx(np.log(misfit(base.x) / misfit(other)), rel=1e-6) and abs(nearer[0]) > 0.05
+    assert nearer[1] == -np.inf
