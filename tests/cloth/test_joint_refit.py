@@ -8,9 +8,10 @@ import pytest
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.estimates import added_effects, estimates
 from tasks.cloth.gauss_newton import rms_mm
-from tasks.cloth.joint_refit import CompletedFit
+from tasks.cloth.joint_refit import CompletedFit, refit_jointly
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.scene import replay
+from tasks.cloth.shooting import BaseFit, Prior
 from tasks.cloth.windowed_fit import Windowed, fit_windows
 from tasks.cloth.windows import smooth
 from tasks.effects.effect import Motion, Subject
@@ -62,6 +63,15 @@ def bare(scene):
 @pytest.fixture(scope="module")
 def completed(scene):
     return fit_windows(scene, START, effects=(DRAG,))
+
+
+@pytest.mark.parametrize("given", [0.0, 16.0])
+def test_it_begins_at_the_strengths_that_the_base_has(given):
+    """No iterations, no windows: what comes out went in."""
+    own = model(panel(3, frames=4), effects=(), **({DRAG.name: np.array([given])} if given else {"air_wind": np.zeros(2)}))
+    base = BaseFit(own, np.eye(2), Prior(1e-3, 1e-2), (), (), "converged")
+    begun = refit_jointly(base, [], [DRAG], noise=NOISE, iterations=0).model
+    assert begun.effects == (DRAG,) and begun.strength(DRAG) == [given]
 
 
 def test_the_strength_is_found(scene, completed):
