@@ -63,7 +63,8 @@ def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: 
     offsets = [e.offsets for e in screened.evidence]
     todo = jobs(model, _forgetful(data), smooth_modes(model.subject.cloth, STARTING))
     todo = [replace(job, offsets=own) for job, own in zip(todo, offsets, strict=True)]
-    found = refit_jointly(replace(screened.base, model=model), todo, [effect], noise=data.noise, iterations=ITERATIONS, run=run).model
+    effects = (*model.effects, effect)  # with what the base has already
+    found = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
     h = next(h for h in screened.hypotheses if h.name == effect.name)
     strengths = dict(zip(effect.columns, map(float, found.strength(effect)), strict=True))
     return replace(h, base=np.zeros_like(h.base), strengths=strengths), found

@@ -227,8 +227,8 @@ def _beside_others(job: Job, own: Prediction | None, others: Sequence[Prediction
     seen, free = np.isfinite(r).all(-1), ~np.isin(np.arange(r.shape[1]), job.model.subject.cloth.boundary)
     parting = [np.mean(np.sum((y - own.x)[1:, free] ** 2, -1), 1) for y in finished]
     floor = 3 * np.mean(noise[seen] ** 2) + np.max(parting, 0)
-    whole = seen.sum() / np.sum(seen / floor[:, None])
-    return Replay(Replayed(weighted(r, floor), float(whole)), job.window, own.x, floor, _normals(own, r, floor))
+    E_0 = float(seen.sum() / np.sum(seen / floor[:, None]))
+    return Replay(Replayed(weighted(r, floor), E_0), job.window, own.x, floor, _normals(own, r, floor))
 
 
 def _first(job: Job) -> Window:

@@ -89,7 +89,10 @@ class Trials:
         return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
 
     def settle(self, *, quick: bool) -> None:
-        """Simulate the contenders, then whichever leads until it stands still; quick: one contender, once more at most and not afresh."""
+        """Simulate the contenders, then whichever leads until it stands still, what probes propose where that leaves much, and a second cause beside the leader.
+
+        quick: one contender, once more at most and not afresh.
+        """
         seen = by_contact(self.screened, self.train, self.effects, self.alike)
         most, missing = 1 if quick else LEADERS, self.replayed.something_missing
         whole = self.foretold()

@@ -51,7 +51,7 @@ def _verdict(answer: dict[str, Any], found: Diagnosis) -> Section:
     ]
     if replayed is not None and np.isfinite(replayed.ratio2):
         rows += [
-            ["base model replayed over whole recordings: gap [mm]", 1e3 * replayed.gap**0.5],
+            ["base model replayed over whole recordings, frames weighed by their floors: gap [mm]", 1e3 * replayed.gap**0.5],
             ["floor of that: a replay on a finer mesh from another start, noise [mm]", 1e3 * replayed.floor**0.5],
             ["log Bayes factor from there that anything is missing", replayed.something_missing],
         ]
