@@ -126,10 +126,12 @@ class Trials:
     def _probe(self) -> None:
         """Simulate what fair strengths propose, derivatives having proposed nothing that leaves little."""
         known = {*self.after, *(n for pair in self.alike if pair & set(self.after) for n in pair)}
+        before = self.leader.name
         self.tell("probes")
         for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.run):
             self.after[h.name] = self.simulate(h, model)
-        self._until_it_stands_still(quick=False)
+        if self.leader.name != before:
+            self._until_it_stands_still(quick=False)
 
     def _with_second(self) -> None:
         """Simulate the likeliest second effect beside the leader, if there is one that windows and whole recordings together promise."""

@@ -103,6 +103,18 @@ def test_where_all_that_leaves_much_what_probes_propose_is_simulated(monkeypatch
     assert [origin for name, origin in t.asked if name == FRICTION].count("first") == 1
 
 
+def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch):
+    strength = {FRICTION: 0.3}
+
+    def finds(name, origin):
+        strength[name] = strength.get(name, 0.3) * 1.5  # never stands still
+        return strength[name], 20.0 if name == FRICTION else 1.0
+
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
+    t.settle(quick=False)
+    assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN + 1  # of one time afresh two simulations
+
+
 def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
     strength = {FRICTION: 0.3}
 
