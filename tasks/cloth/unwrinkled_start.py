@@ -30,9 +30,7 @@ FINE = 120
 
 def unwrinkled_start(job: Job) -> tuple[Array, Array]:
     """x [V, 3] m and v [V, 3] m to start the window from; those of the state where no nearer ones are found. `job.φ` [K, V]: the modes that are marginalised."""
-    forgetful = replace(job.recording.correlation, memory=0.0)  # to whiten 720 columns with memory takes six times as long
-    recording = replace(job.recording, correlation=forgetful)
-    fine = replace(job, recording=recording, φ=smooth_modes(job.model.subject.cloth, FINE), parameters=())
+    fine = replace(job, recording=job.recording.forgetful, φ=smooth_modes(job.model.subject.cloth, FINE), parameters=())
     found, start = follow(fine), {}
     if found.prediction.complete:
         names = state_names(found.normals.names)

@@ -1,7 +1,7 @@
 """The same on a finer mesh: how far the mesh is from not mattering.
 
 Each round splits the longest edge of every triangle (`geometry.refinement`), which about doubles the vertices; the given ones stay first. Hinges bend as stiffly
-as those of the given mesh (`retriangulated.py`): with its κ_b, equilateral triangles cut in halves would be a third stiffer.
+as those of the given mesh (`retriangulated.py`): with its κ_b, equilateral triangles cut in halves would be three tenths stiffer.
 Strength: rounds [1]. Range: 0–2; rounded.
 Signature: the length of wrinkles, folds that the given mesh cannot make, softer bending of coarse folds.
 Confounders: bending stiffness, fabric_rest_scale, fabric_stiffening; it is computed and taken off before any of them is named.
@@ -30,9 +30,10 @@ class NumericsMesh(Effect):
 
     @override
     def subject(self, subject: Subject, θ: Sequence[float]) -> Subject:
+        finer = subject
         for _ in range(round(θ[0])):
-            subject = _finer(subject, _split(subject.cloth))
-        return subject
+            finer = _finer(finer, _split(finer.cloth))
+        return subject if finer is subject else replace(retriangulated(subject, finer.cloth), zone=finer.zone)
 
     @override
     def start(self, subject: Subject, x: Array, θ: Sequence[float]) -> Array:
@@ -73,8 +74,7 @@ def _finer(subject: Subject, step: Refinement) -> Subject:
         cloth.rest_angles,
     )
     ends = zone[step.parents]
-    zones = np.concatenate([zone, np.where(ends[:, 0] == ends[:, 1], ends[:, 0], "free")])
-    return replace(retriangulated(subject, finer), zone=zones)
+    return replace(subject, cloth=finer, zone=np.concatenate([zone, np.where(ends[:, 0] == ends[:, 1], ends[:, 0], "free")]))
 
 
 EFFECT = NumericsMesh()

@@ -1,7 +1,7 @@
 """One cloth on another mesh of it: hinges that bend as stiffly.
 
-Hinges converge to no plate unless triangles are well shaped (Grinspun et al. 2006): equilateral triangles cut in halves are a third stiffer than they were, other
-diagonals up to a third, and a right-angled grid is four times as stiff along its diagonals as across them. To a fit that is nothing: κ_b of a mesh
+Hinges converge to no plate unless triangles are well shaped (Grinspun et al. 2006): equilateral triangles cut in halves are three tenths stiffer than they were, other
+diagonals up to three tenths, and a right-angled grid is four times as stiff along its diagonals as across them. To a fit that is nothing: κ_b of a mesh
 is what makes that mesh bend as the cloth does. Where the same cloth goes onto another mesh, κ_b therefore becomes
 
     κ_b exp⟨log (w′_l/w_l)⟩_l,    w_l = p_lᵀ K⁻¹ p_l,    K = Dᵀ diag(3|ē|²/(Ā₁ + Ā₂)) D,    p_l = M q_l

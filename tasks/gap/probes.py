@@ -43,8 +43,7 @@ def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], run: M
     """Those of these effects that are worth a simulation, the nearest first, and the model in whose fabric they are."""
     prior, model = screened.base.prior, screened.base.model
     worst = sorted(screened.evidence, key=lambda e: -without_state(e.normals, prior).c / e.normals.n)[:FEW]
-    few = _forgetful(data.only(e.prediction.window for e in worst))
-    todo = jobs(model, few, smooth_modes(model.subject.cloth, STARTING))
+    todo = _jobs(model, data.only(e.prediction.window for e in worst))
     asked = list(_strengths(effects))
     base = list(run(_followed, todo))
     found = list(run(_predicted, [replace(job, model=model.joined([e], {e.name: θ})) for job in todo for e, θ in asked]))
@@ -60,9 +59,7 @@ def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], run: M
 def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: Map) -> tuple[Fitted, Model]:
     """The hypothesis where base and strength come to rest from there, and the model."""
     model = screened.base.model.joined([], {effect.name: θ})
-    offsets = [e.offsets for e in screened.evidence]
-    todo = jobs(model, _forgetful(data), smooth_modes(model.subject.cloth, STARTING))
-    todo = [replace(job, offsets=own) for job, own in zip(todo, offsets, strict=True)]
+    todo = [replace(job, offsets=e.offsets) for job, e in zip(_jobs(model, data), screened.evidence, strict=True)]
     effects = (*model.effects, effect)  # with what the base has already
     found = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
     h = next(h for h in screened.hypotheses if h.name == effect.name)
@@ -70,9 +67,9 @@ def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: 
     return replace(h, base=np.zeros_like(h.base), strengths=strengths), found
 
 
-def _forgetful(data: Gathered) -> Gathered:
-    """Errors of tracking without memory, which is dear to whiten."""
-    return replace(data, recordings=tuple(replace(r, correlation=replace(r.correlation, memory=0.0)) for r in data.recordings))
+def _jobs(model: Model, data: Gathered) -> list[Job]:
+    """One per window, with few modes of its start."""
+    return [replace(job, recording=job.recording.forgetful) for job in jobs(model, data, smooth_modes(model.subject.cloth, STARTING))]
 
 
 def _strengths(effects: Sequence[Effect]) -> Iterator[tuple[Effect, Array]]:
