@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +28,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flows import exam_engine
-from flows.exam_scoreboard import OWN, SCOREBOARD, entered
+from flows.exam_scoreboard import OWN, SCOREBOARD, entered, result, sat
 from storage_schemas.durable import replace_file
 from tasks.child_process import run_in_children
 from tasks.exam.generator import other_engine
@@ -134,17 +134,23 @@ class Exam:
 
 @dataclass(frozen=True)
 class Task:
-    """One case of an exam, and the names of the rivals that answer it too."""
+    """One case of an exam, the names of the rivals that answer it too, and whether the diagnosis still has to."""
 
     exam: Exam
     question: Question
     rivals: tuple[str, ...] = ()
+    diagnosed: bool = True
+
+    @property
+    def candidates(self) -> tuple[str | None, ...]:
+        """Who answers it; None is the diagnosis."""
+        return (*([None] if self.diagnosed else []), *self.rivals)
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
         folder, number = self.exam.folder, self.question.number
-        answers = [folder.answer(number, rival) / "answer.json" for rival in (None, *self.rivals)]
+        answers = [folder.answer(number, rival) / "answer.json" for rival in self.candidates]
         return folder.left_out(number).exists() or (folder.made(number) and all(answer.exists() for answer in answers))
 
 
@@ -206,9 +212,9 @@ def do(task: Task, say: Say) -> None:
     for _, what in generate(folder, [task.question], task.exam.once()):
         say(f"case {number}: {what}")
     if folder.made(number):
-        diagnose(folder, number)
-        for rival in task.rivals:
-            say(f"case {number}: {rival}")
+        for rival in task.candidates:
+            if rival is not None:
+                say(f"case {number}: {rival}")
             diagnose(folder, number, rival)
 
 
@@ -278,20 +284,32 @@ def sit(
 ) -> Row:
     """Make, diagnose and score all cases, and let rivals answer them.
 
-    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned. Raises RuntimeError when the examined
+    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of this version and
+    seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the examined
     code was changed meanwhile: the answers would be those of no version.
     """
-    wanted, began = exam.tasks(rivals), version()
+    began = version()
+    wanted = exam.tasks(rivals) if exam.split == "open" else unanswered(exam.tasks(rivals), began, scoreboard)
     spread(wanted, say)
-    numbers = [task.question.number for task in wanted]
-    made = [n for n in numbers if exam.folder.made(n)]
-    left_out = [n for n in numbers if n not in made]
+    made = [task for task in wanted if exam.folder.made(task.question.number)]
+    left_out = [task.question.number for task in wanted if task not in made]
     if exam.split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
-    attempt["cases"] = [mark(exam.folder, number) for number in made]
-    attempt["rivals"] = {r.name: [mark(exam.folder, n, r.name) for n in made if answers(r, n)] for r in rivals}
-    return entered(exam.split, attempt, scoreboard)
+    attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
+    attempt["rivals"] = {r.name: [mark(exam.folder, t.question.number, r.name) for t in made if r.name in t.rivals] for r in rivals}
+    return entered(exam.split, attempt, scoreboard) if wanted else result(exam.split, attempt, scoreboard)
+
+
+def unanswered(tasks: Sequence[Task], of: str, scoreboard: Path) -> list[Task]:
+    """The tasks less what a version's earlier attempts have answered."""
+
+    def left(task: Task) -> Task:
+        exam, number = task.exam, task.question.number
+        known = [name for name in task.candidates if number in sat(scoreboard, of, exam.seed, exam.engine, name)]
+        return replace(task, diagnosed=None not in known, rivals=tuple(r for r in task.rivals if r not in known))
+
+    return [task for task in map(left, tasks) if task.candidates]
 
 
 def answers(rival: Rival, number: int) -> bool:

@@ -31,6 +31,12 @@ def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[Case, Row]
     return first
 
 
+def sat(scoreboard: Path, of: str, seed: int, engine: str, rival: str | None = None) -> set[int]:
+    """Numbers of the cases of a version's seed that the diagnosis, or a rival, has answered in earlier attempts, and of those that could not be made."""
+    earlier = [attempt for attempt in attempts(scoreboard, of, engine) if attempt["seed"] == seed]
+    return {number for _, _, number in pooled(earlier, rival)} | {n for attempt in earlier for n in attempt["left_out"]}
+
+
 def entered(split: str, attempt: Row, scoreboard: Path) -> Row:
     """The figures of an attempt (version, seed, count, engine, left_out, cases, rivals), dated; a sealed one is added to the scoreboard first."""
     attempt = {"date": datetime.now(UTC).isoformat(timespec="seconds"), **attempt}

@@ -7,6 +7,7 @@ import asyncio
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,8 @@ def order(wanted: Sequence[Task]) -> dict[str, Any]:
     exam = wanted[0].exam
     rivals = sorted({rival for task in wanted for rival in task.rivals})
     place = {"folder": str(exam.folder.root.resolve()), "split": exam.split, "engine": exam.engine}
-    return place | {"count": exam.count, "seed": exam.seed, "rivals": rivals, "version": version()}
+    asked = {str(task.question.number): list(task.candidates) for task in wanted}
+    return place | {"count": exam.count, "seed": exam.seed, "rivals": rivals, "asked": asked, "version": version()}
 
 
 def tasks(order: dict[str, Any]) -> Iterator[Task]:
@@ -84,7 +86,10 @@ def tasks(order: dict[str, Any]) -> Iterator[Task]:
     if version() != order["version"]:
         raise Refused(f"this worker's code is version {version()[:12]}, the exam is of {order['version'][:12]}: install the same on both")
     exam = Exam(Folder(Path(order["folder"])), order["count"], order["seed"], order["split"], order["engine"])
-    yield from exam.tasks(chosen(order["rivals"]))
+    for task in exam.tasks(chosen(order["rivals"])):
+        asked = order["asked"].get(str(task.question.number))
+        if asked is not None:
+            yield replace(task, diagnosed=None in asked, rivals=tuple(r for r in task.rivals if r in asked))
 
 
 def exam_work(order: dict[str, Any], in_flight: int) -> Work:

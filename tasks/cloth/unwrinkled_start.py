@@ -11,7 +11,7 @@ So a window is followed with `FINE` modes, and its state moved in those beyond t
                                            and of velocities `PER_FRAME` of that in a frame
 
 A third of a second tells them where one frame did before. S_zᵀ(R + S_z P S_zᵀ)⁻¹r = S_zᵀR⁻¹(r − S_z z): for what is weighed afterwards they are all but
-marginalised. Limits: to first order; noise in shorter wrinkles stays.
+marginalised; where there are few windows, they are marginalised whole (`without_wrinkles`). Limits: to first order; noise in shorter wrinkles stays.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PER_FRAME, Job, first_nearer, follow, state_names, state_weights
+from tasks.cloth.shooting import PER_FRAME, Evidence, Job, Prior, first_nearer, follow, state_names, state_weights
 from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.windows import Normals, marginalised
 
 Array = NDArray[np.float64]
 
-FINE = 120
+FINE = 120  # modes
 
 
 def unwrinkled_start(job: Job) -> tuple[Array, Array]:
@@ -34,7 +35,7 @@ def unwrinkled_start(job: Job) -> tuple[Array, Array]:
     found, start = follow(fine), {}
     if found.prediction.complete:
         names = state_names(found.normals.names)
-        asked = state_weights(found.normals, names, [], _variances(fine, names))[:, 0]
+        asked = state_weights(found.normals, names, [], noise_variances(fine, names))[:, 0]
         start, _ = first_nearer(fine, {n: z for n, z in zip(names, asked, strict=True) if _mode(n) >= len(job.φ)}, found.prediction.x)
     states = replace(fine, start=start).started
     return states.x[job.window.start], states.v[job.window.start]
@@ -45,8 +46,15 @@ def _mode(name: str) -> int:
     return int(name.split()[1])
 
 
-def _variances(job: Job, names: Sequence[str]) -> Array:
-    """Of the coefficients [Z]: places [m²], velocities [m²/s²]."""
+def without_wrinkles(job: Job, found: Evidence, prior: Prior, modes: int) -> Normals:
+    """Normal equations of a window followed with `FINE` modes, its start state marginalised: the first `modes` by their prior, the others as noise leaves them."""
+    names = state_names(found.normals.names)
+    smooth = np.array([_mode(name) < modes for name in names])
+    return marginalised(found.normals, names, np.where(smooth, prior.variances(names), noise_variances(job, names)))
+
+
+def noise_variances(job: Job, names: Sequence[str]) -> Array:
+    """What errors of tracking in one frame leave of the coefficients [Z]: places [m²], velocities [m²/s²]."""
     cloth, fps, correlation = job.model.subject.cloth, job.model.subject.fps, job.recording.correlation
     w = job.φ * cloth.vertex_areas / cloth.vertex_areas.sum()
     R = correlation.shared(cloth.x_rest) + (1 - correlation.share) * np.eye(w.shape[1])

@@ -1,12 +1,12 @@
 """The default fit: κ_s and κ_b from windows of the recording (`windows.py`, `shooting.py`), then one replay of the whole for the figures.
 
 A replay of a second from one start is chaotic where cloth buckles: its loss has a false minimum wherever a fold falls the other way, and
-Gauss–Newton on it stops in the first. Windows of a fifth of a second, each from its own start whose error is marginalised, have no such minima.
-What the mesh and the step alone do is taken off before the last iterations: each window is also simulated on about twice the vertices with half the
-step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs).
+Gauss–Newton on it stops in the first. In windows, each from its own start whose error is marginalised, derivatives hold: first of a fifth of a second, which lead
+home from any fabric, then, with states that the fabric found allows, of up to a third, for what bending does grows with the square of time. There κ_b is
+bracketed by losses (`bending_profile.py`).
 
-The price of windows is that a window says little about what takes long to happen. So where the replay of the whole stays within a few standard deviations of
-the recording once the windows are fitted, it is not chaotic, and the fit goes on with it (`gauss_newton.py`).
+What the mesh and the step alone do is taken off at the end: each window is also simulated on about twice the vertices with half the
+step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs).
 
 Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and the whole is
 replayed with them (`completed_replay.py`).
@@ -18,15 +18,30 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
-from tasks.cloth.gauss_newton import LARGEST_STEP, PARAMETERS, Fit, Normal, Progress, fit, loss, moved, rms_mm
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.numerics import FINER, corrected, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
-from tasks.cloth.shooting import BaseFit, Evidence, Job, Map, Prior, estimated_prior, follow, refit, scaled, with_fabric, without_state
+from tasks.cloth.shooting import (
+    BaseFit,
+    Evidence,
+    Job,
+    Map,
+    Prior,
+    estimated_prior,
+    follow,
+    moved,
+    refit,
+    scaled,
+    with_fabric,
+    without_state,
+)
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import Recording, predict, windows
+from tasks.cloth.unwrinkled_start import FINE, without_wrinkles
+from tasks.cloth.windows import LONG_S, SHORT_S, Normals, Recording, predict, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Effect, Motion, Subject
 from tasks.effects.model import Model
@@ -35,8 +50,8 @@ from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
 
-FOLLOWED = 3.0  # standard deviations of the noise: a replay that stays this near is not chaotic, and is fitted as a whole
-NUMERIC_STEPS = 1
+FEWEST = 3  # windows: their scatter says how sure a stiffness is
+ROUNDS, FAR = 3, 0.2  # in longer windows, and the change of a logarithm that asks for another
 MODES = 20  # of the start state, times three directions, times place and velocity
 
 
@@ -51,21 +66,68 @@ def fit_windows(
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit `PARAMETERS` from `fabric`, and the strengths of `effects` with them (then a CompletedFit); `run` maps over windows."""
-    jobs, ending = _jobs(scene, fabric)
+    jobs, ending = _jobs(scene, fabric, SHORT_S)
     if not jobs:
         whole = replay(scene, fabric)
         return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
     found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+    found, jobs = _settled(scene, found, jobs, iterations, run, tell)
     if effects:
         return _completed(scene, found, jobs, effects, iterations, run, tell)
     fabric, normal = _less_numerics(found, jobs, run)
     whole = replay(scene, fabric, memory=memory)
     reasons = (*_lost(found, jobs), *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
-    if whole.complete and loss(scene, whole) < 3 * FOLLOWED**2:
-        polished = fit(scene, Progress(fabric), iterations=iterations, memory=memory)
-        return replace(polished, history=(*history, *polished.history), reasons=(*reasons, *polished.reasons))
     return Fit(fabric, normal, whole, history, found.ending, reasons)
+
+
+def _settled(
+    scene: Scene, found: BaseFit, jobs: list[Job], iterations: int, run: Map, tell: Callable[[str], None]
+) -> tuple[BaseFit, list[Job]]:
+    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still; and these."""
+    for _ in range(ROUNDS):
+        before, history = found.model.subject.fabric, found.history
+        longer, _ = _jobs(scene, before)
+        found = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        done = [job for job, e in zip(longer, found.evidence, strict=True) if e.prediction.complete]
+        profile = bracketed(found.model.subject.fabric, _following(found, done, run)) if done else None
+        if profile is not None:
+            found = replace(found, model=with_fabric(found.model, profile.fabric))
+        found, jobs = replace(found, history=(*history, *found.history)), longer
+        if np.abs(logarithms(found.model.subject.fabric) - logarithms(before)).max() < FAR:
+            break
+    return found, jobs
+
+
+def _following(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
+    """What windows say of any fabric, the smooth modes of their start marginalised."""
+
+    def told(fabric: Fabric) -> list[Normals] | None:
+        evidence = list(run(follow, _in(fabric, found, jobs)))
+        return [without_state(e.normals, found.prior) for e in evidence] if _whole(evidence) else None
+
+    return told
+
+
+def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
+    """The same with what noise leaves of wrinkles marginalised too, which only stiffness could iron, and less what the computation does."""
+    fine = [replace(job, φ=smooth_modes(job.model.subject.cloth, FINE)) for job in jobs]
+
+    def told(fabric: Fabric) -> list[Normals] | None:
+        evidence = list(run(follow, _in(fabric, found, fine)))
+        if not _whole(evidence):
+            return None
+        return [corrected(without_wrinkles(job, e, found.prior, MODES)) for job, e in zip(fine, evidence, strict=True)]
+
+    return told
+
+
+def _in(fabric: Fabric, found: BaseFit, jobs: Sequence[Job]) -> list[Job]:
+    return [replace(job, model=with_fabric(found.model, fabric)) for job in jobs]
+
+
+def _whole(evidence: Sequence[Evidence]) -> bool:
+    return all(e.prediction.complete for e in evidence)
 
 
 def _completed(
@@ -103,17 +165,15 @@ def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
 
 
 def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
-    """The fabric after `NUMERIC_STEPS` further steps with what a finer computation adds, and what the windows say there."""
+    """The fabric with what a finer computation adds, and what the windows say there."""
     fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
     if not with_offset:
         return fabric, _normal(found.evidence, found.prior)
-    for _ in range(NUMERIC_STEPS):
-        evidence = list(run(follow, [replace(job, model=with_fabric(found.model, fabric)) for job in with_offset]))
-        normal = _normal(evidence, found.prior)
-        if not np.isfinite(normal.A).all():
-            return found.model.subject.fabric, _normal(found.evidence, found.prior)
-        fabric = moved(fabric, np.clip(normal.step, -LARGEST_STEP, LARGEST_STEP))
-    return fabric, normal
+    profile = bracketed(fabric, _following_finely(found, with_offset, run))
+    if profile is None:
+        return fabric, _normal(found.evidence, found.prior)
+    normal = profile.normal
+    return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal
 
 
 def _finer(job: Job) -> dict[str, Array]:
@@ -158,7 +218,7 @@ class Windowed:
         return evidence, estimated_prior(evidence, _noise(scene))
 
 
-def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
+def _jobs(scene: Scene, fabric: Fabric, length_s: float | None = None) -> tuple[list[Job], str]:
     """The windows of a scene; none, and why, where the cloth cannot be brought to where it was seen."""
     zone = np.full(len(scene.x0), "free", dtype="U8")
     model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), replace(scene.settings, yield_collider=False))
@@ -166,7 +226,8 @@ def _jobs(scene: Scene, fabric: Fabric) -> tuple[list[Job], str]:
     if scene.settings.yield_collider:
         recording = with_yielded_collider(recording, model)
     known = states(model, recording.motion, recording.observed, _noise(scene))
-    cut = windows([recording], scene.fps)
+    length_s = length_s or float(np.clip((len(recording) - 1) / scene.fps / FEWEST, SHORT_S, LONG_S))
+    cut = windows([recording], scene.fps, length_s)
     if known.ending != CONVERGED:
         cut = [w for w in cut if w.start < len(known.x)]
         if len(known.x) < 2:

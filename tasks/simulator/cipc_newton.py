@@ -112,7 +112,7 @@ def convex_hessians(problem: Problem, x: Array, step: Step) -> list[Blocks | csc
     return [Blocks(H.stencils, clamped(H.values)) if isinstance(H, Blocks) else p.hessian(x, step, convex=True) for p, H in pairs]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def clamped(H: Array) -> Array:
     """Blocks [K, n, n] with negative eigenvalues set to 0."""
     out = H.copy()
@@ -123,7 +123,7 @@ def clamped(H: Array) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _definite(H):
     """Whether H + ε I has a Cholesky factor: tells in a tenth of the time that there is nothing to cut off."""
     n = len(H)

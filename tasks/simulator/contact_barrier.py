@@ -56,7 +56,9 @@ class ContactBarrier(Potential):
         if not len(pairs):
             return csc_matrix((X.size, X.size))
         kind = ipctk.PSDProjectionMethod.CLAMP if convex else ipctk.PSDProjectionMethod.NONE
-        return self.scale(step) * self.barrier.hessian(pairs, self.surface.mesh, X, kind)
+        H = self.barrier.hessian(pairs, self.surface.mesh, X, kind)
+        H.data *= self.scale(step)
+        return H
 
     @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:

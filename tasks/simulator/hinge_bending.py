@@ -107,7 +107,7 @@ def angle_hessians(x: Array, hinges: Indices) -> Array:
     return _angle_hessians(x, hinges)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _angles(x, hinges):
     θ = np.empty(len(hinges))
     e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
@@ -116,7 +116,7 @@ def _angles(x, hinges):
     return θ
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _angle_gradients(x, hinges):
     G = np.empty((len(hinges), 4, 3))
     e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
@@ -128,7 +128,7 @@ def _angle_gradients(x, hinges):
     return G
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _angle_hessians(x, hinges):
     H = np.zeros((len(hinges), 12, 12))
     e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
@@ -138,7 +138,7 @@ def _angle_hessians(x, hinges):
     return H
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gradient(x, hinges, weight, rest_angle):
     G = np.zeros_like(x)
     e, w, α = np.empty(3), np.empty((2, 3)), np.zeros((2, 4))
@@ -150,7 +150,7 @@ def _gradient(x, hinges, weight, rest_angle):
     return G
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hessian(x, hinges, weight, rest_angle, convex):
     H = np.empty((len(hinges), 12, 12))
     e, w, α, g = np.empty(3), np.empty((2, 3)), np.zeros((2, 4)), np.empty(12)
@@ -167,7 +167,7 @@ def _hessian(x, hinges, weight, rest_angle, convex):
     return H
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _measure(x, hinge, e, w, α):
     """θ of one hinge; fills the edge e [3], the wing vectors w [2, 3] and the factors α [2, 4] of ∂θ = α₀ w₀ + α₁ w₁."""
     a, b, c, d = hinge
@@ -202,7 +202,7 @@ def _measure(x, hinge, e, w, α):
     return np.arctan2(sine, cosine * length)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_angle_hessian(H, moment, x, hinge, e, w, α):
     """H [12, 12] += moment ∂²θ:  Σ over wings  w ⊗ ∂α + α (|w|² − 2 w wᵀ) [∂N]."""
     a, b = hinge[0], hinge[1]

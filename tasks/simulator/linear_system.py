@@ -7,6 +7,7 @@ Source: Chen, Davis, Hager, Rajamanickam 2008 (CHOLMOD). Without scikit-sparse, 
 """
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -84,7 +85,9 @@ class LinearSystem:
             elif not self._add_sparse(data, term):
                 self._grow(term)
                 return self.assemble(terms)
-        return csc_matrix((data, self._indices, self._indptr), shape=(self.size, self.size))
+        A = copy(self._empty)  # not made anew: scipy would examine the pattern every time
+        A.data = data
+        return A
 
     def factorise(self, A: csc_matrix) -> Factor:
         """Cholesky factor of an assembled matrix. Raises NotPositiveDefinite."""
@@ -100,7 +103,8 @@ class LinearSystem:
         first = self._pointer[column]
         self._base = 9 * first + 3 * (np.arange(len(blocks)) - first)  # of a block's first entry in the scalar data
         self._stride = 3 * np.diff(self._pointer)[column]  # between the columns of a block
-        self._indices, self._indptr = _expand(self._pointer, self._row)
+        indices, indptr = _expand(self._pointer, self._row)
+        self._empty = csc_matrix((np.zeros(len(indices)), indices, indptr), shape=(self.size, self.size))
         self._symbolic = None
         self._known: dict[int, tuple[Indices, Array]] = {}
 
@@ -196,7 +200,7 @@ def _lu(A: csc_matrix) -> Factor:
     return _LU(factor)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _expand(pointer, row):
     """Scalar compressed columns of a block pattern."""
     n = len(pointer) - 1
@@ -212,7 +216,7 @@ def _expand(pointer, row):
     return indices, indptr
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _symmetric_product(indptr, indices, data, x):
     y = np.zeros(len(x))
     for j in range(len(x)):
@@ -228,7 +232,7 @@ def _symmetric_product(indptr, indices, data, x):
     return y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _scatter_blocks(data, slots, base, stride, values):
     K, m, _ = slots.shape
     for e in range(K):
@@ -241,7 +245,7 @@ def _scatter_blocks(data, slots, base, stride, values):
                             data[base[slot] + c * stride[slot] + r] += values[e, 3 * p + r, 3 * q + c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _scatter_sparse(data, node, pointer, row, base, stride, indptr, indices, values):
     """Add the cloth part of a sparse matrix; False if an entry has no place."""
     for column in range(3 * len(node)):

@@ -73,7 +73,7 @@ class MembraneNeoHookean(Potential):
         return strain.gradient(x, self.faces, self.N, self.area, S)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _response(C, mu, lam):
     """S [F, 3] and 𝔻 [F, 3, 3]."""
     S, D = np.empty_like(C), np.empty((len(C), 3, 3))

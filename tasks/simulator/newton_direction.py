@@ -6,7 +6,7 @@ crawled: more than 300 iterations for a step that takes 10.)
 
 Within a step H changes little. So once it had a factor, H p = −g is solved by conjugate gradients on the Hessian at hand with that factor for a preconditioner,
 until the error is `FORCING` of what it was. Where that takes more than `MOST` iterations, or meets a direction of negative curvature, H is factorised
-from there on: this is a step in which it changes much. A direction found without meeting one goes downhill, as Newton's own does.
+anew. A direction found without meeting one goes downhill, as Newton's own does.
 
 Source: Dembo, Eisenstat, Steihaug 1982 (inexact Newton methods); Steihaug 1983 (negative curvature).
 """
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Terms = list[Blocks | csc_matrix]
 
 FORCING = 1e-4  # share of the error, in the norm of H⁻¹, that conjugate gradients leave
-MOST = 12  # of their iterations, which cost a twentieth of a factorisation each
+MOST = 16  # of their iterations, which cost a twentieth of a factorisation each
 LADDER = (0.0, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # shares λ of the convex neighbours
 
 
@@ -35,7 +35,6 @@ class Directions:
         self._potentials, self._system = potentials, system
         self._rung = 0
         self._factor: Factor | None = None
-        self._iterates = True
 
     def newton(self, x: Array, step: Step, g: Array) -> Array:
         """The direction [V, 3] from x [V, 3], where the gradient is g [V, 3]. Raises NotPositiveDefinite if nothing is: values overflowed."""
@@ -52,7 +51,6 @@ class Directions:
             p = preconditioned(A, self._right_hand(g, exact, fixed, Δc), self._factor)
             if p is not None:
                 return self._system.scatter(p) + fixed
-            self._iterates = False
         factor, terms = self._factorised(A, x, step, exact, neighbours)
         return self._system.scatter(factor.solve(self._right_hand(g, terms, fixed, Δc))) + fixed
 
@@ -85,7 +83,7 @@ class Directions:
                 self._rung += 1
             else:
                 self._rung = max(self._rung - 1, 0)
-                self._factor = factor if self._iterates and not λ else None
+                self._factor = None if λ else factor
                 return factor, (neighbours or exact) if λ else exact
 
 

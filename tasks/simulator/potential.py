@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
@@ -68,13 +69,23 @@ class Blocks:
 
     def times(self, dx: Array) -> Array:
         """Product with columns dx [P, V, 3] -> [P, V, 3]."""
-        K, m = self.stencils.shape
-        local = dx[:, self.stencils].reshape(len(dx), K, 3 * m)
-        out = np.einsum("kij,pkj->pki", self.values, local, optimize=True).reshape(len(dx), K * m, 3)
-        total = np.zeros_like(dx)
-        for column, part in zip(total, out, strict=True):
-            np.add.at(column, self.stencils.ravel(), part)
-        return total
+        return _block_product(self.stencils, self.values, dx)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _block_product(stencils, values, dx):
+    total = np.zeros_like(dx)
+    K, m = stencils.shape
+    for p in range(len(dx)):
+        for k in range(K):
+            for a in range(m):
+                for i in range(3):
+                    force = 0.0
+                    for b in range(m):
+                        for j in range(3):
+                            force += values[k, 3 * a + i, 3 * b + j] * dx[p, stencils[k, b], j]
+                    total[p, stencils[k, a], i] += force
+    return total
 
 
 def sparse_times(H: csc_matrix, dx: Array) -> Array:

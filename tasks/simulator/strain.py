@@ -31,42 +31,45 @@ def rest_frames(x_rest: Array, faces: Indices, uv: Array | None = None) -> tuple
     return np.ascontiguousarray(N), np.abs(np.linalg.det(D)) / 2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def metric(x: Array, faces: Indices, N: Array) -> Array:
     """C [F, 3] = (C₁₁, C₂₂, C₁₂)."""
-    C = np.empty((len(faces), 3))
+    C = np.zeros((len(faces), 3))
     for i in range(len(faces)):
-        f1, f2 = _columns(x, faces[i], N[i])
-        C[i, 0], C[i, 1], C[i, 2] = _dot(f1, f1), _dot(f2, f2), _dot(f1, f2)
+        for k in range(3):
+            f1, f2 = _column(x, faces[i], N[i], 0, k), _column(x, faces[i], N[i], 1, k)
+            C[i, 0] += f1 * f1
+            C[i, 1] += f2 * f2
+            C[i, 2] += f1 * f2
     return C
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gradient(x: Array, faces: Indices, N: Array, area: Array, S: Array) -> Array:
     """Σ ∂P/∂x [V, 3] N for stresses S [F, 3] N/m."""
     g = np.zeros_like(x)
     for i in range(len(faces)):
-        f1, f2 = _columns(x, faces[i], N[i])
-        for p in range(3):
-            a = area[i] * (S[i, 0] * N[i, p, 0] + S[i, 2] * N[i, p, 1])
-            b = area[i] * (S[i, 1] * N[i, p, 1] + S[i, 2] * N[i, p, 0])
-            for k in range(3):
-                g[faces[i, p], k] += a * f1[k] + b * f2[k]
+        for k in range(3):
+            f1, f2 = _column(x, faces[i], N[i], 0, k), _column(x, faces[i], N[i], 1, k)
+            for p in range(3):
+                a = S[i, 0] * N[i, p, 0] + S[i, 2] * N[i, p, 1]
+                b = S[i, 1] * N[i, p, 1] + S[i, 2] * N[i, p, 0]
+                g[faces[i, p], k] += area[i] * (a * f1 + b * f2)
     return g
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def hessian(x: Array, faces: Indices, N: Array, area: Array, S: Array, D: Array, convex: bool) -> Array:
     """∂²P/∂x² [F, 9, 9] N/m for stresses S [F, 3] and stiffnesses D [F, 3, 3] N/m."""
     H = np.empty((len(faces), 9, 9))
     B = np.empty((3, 9))
     for i in range(len(faces)):
-        f1, f2 = _columns(x, faces[i], N[i])
-        for p in range(3):
-            for k in range(3):
-                B[0, 3 * p + k] = f1[k] * N[i, p, 0]
-                B[1, 3 * p + k] = f2[k] * N[i, p, 1]
-                B[2, 3 * p + k] = f1[k] * N[i, p, 1] + f2[k] * N[i, p, 0]
+        for k in range(3):
+            f1, f2 = _column(x, faces[i], N[i], 0, k), _column(x, faces[i], N[i], 1, k)
+            for p in range(3):
+                B[0, 3 * p + k] = f1 * N[i, p, 0]
+                B[1, 3 * p + k] = f2 * N[i, p, 1]
+                B[2, 3 * p + k] = f1 * N[i, p, 1] + f2 * N[i, p, 0]
         s11, s22, s12 = S[i]
         if convex:
             s11, s22, s12 = _positive_part(s11, s22, s12)
@@ -94,21 +97,13 @@ def _lay_flat(corners: Array) -> Array:
     return np.stack([np.stack([zero, zero], 1), np.stack([length, zero], 1), np.stack([along, across], 1)], axis=1)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _columns(x, face, N):
-    f1, f2 = np.empty(3), np.empty(3)
-    for k in range(3):
-        f1[k] = x[face[0], k] * N[0, 0] + x[face[1], k] * N[1, 0] + x[face[2], k] * N[2, 0]
-        f2[k] = x[face[0], k] * N[0, 1] + x[face[1], k] * N[1, 1] + x[face[2], k] * N[2, 1]
-    return f1, f2
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _column(x, face, N, a, k):
+    """Component k of f_a."""
+    return x[face[0], k] * N[0, a] + x[face[1], k] * N[1, a] + x[face[2], k] * N[2, a]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _positive_part(s11, s22, s12):
     mean, radius = (s11 + s22) / 2, np.sqrt(((s11 - s22) / 2) ** 2 + s12**2)
     high, low = mean + radius, mean - radius

@@ -148,7 +148,7 @@ def _gap(x: Array, asked: Indices, normal: Array, faces: Indices, away: Array, r
     return _first_hit(x, asked, normal, faces, away, reach, listed, np.concatenate([[0], np.cumsum(count)]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest_from_behind(x, points, faces, away):
     """σ = −distance [P] of points to the nearest face that they lie behind, and that face [P]: where parts meet, the nearest may be before them."""
     σ, face = np.full(len(points), -np.inf), np.zeros(len(points), np.int64)
@@ -163,7 +163,7 @@ def _nearest_from_behind(x, points, faces, away):
     return σ, face
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest_facing_away(x, asked, normal, faces, away):
     """Distance [P] from asked vertices to the nearest face that looks elsewhere (cosine < ½), infinite beyond 2·MOST, and that cosine [P]."""
     p, cosines = np.full(len(asked), np.inf), np.zeros(len(asked))
@@ -194,7 +194,7 @@ def _nearest_facing_away(x, asked, normal, faces, away):
     return p, cosines
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _closest(q, a, b, c):
     """The point of a triangle that is closest to q (Ericson 2005, §5.1.5)."""
     ab, ac = b - a, c - a
@@ -217,7 +217,7 @@ def _closest(q, a, b, c):
     return a + (ab * opposite_b + ac * opposite_c) / (opposite_a + opposite_b + opposite_c)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _first_hit(x, asked, normal, faces, away, reach, listed, start):
     """Möller & Trumbore 1997 for the rays x + t·normal of asked vertices against their listed faces."""
     t = np.full(len(asked), np.inf)
@@ -233,7 +233,7 @@ def _first_hit(x, asked, normal, faces, away, reach, listed, start):
     return t
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _ray_triangle(o, d, a, b, c):
     e1, e2 = b - a, c - a
     p = np.cross(d, e2)

@@ -134,17 +134,42 @@ def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
     assert tried == [7] and folder.numbers() == [] and not folder.made(7)
 
 
-def test_every_sealed_attempt_is_added_and_pooled(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
-    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+def test_a_sealed_exam_is_sat_in_parts_and_pooled(folder, tmp_path, monkeypatch):
+    """What the scoreboard has of a version and seed is not answered again, in whichever folder, nor made."""
+    calls = []
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: (calls.append(command), ("", "", 1))[1])
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION, replace(QUESTION, number=8)][: self.count])
     board = tmp_path / "board.jsonl"
-    sitting = exam.Exam(folder, 1, 0, "sealed")
-    exam.sit(sitting, scoreboard=board)
-    result = exam.sit(sitting, scoreboard=board)
-    lines = [json.loads(line) for line in board.read_text().splitlines()]
-    assert len(lines) == 2 and {line["version"] for line in lines} == {exam.version()}
-    assert result["cases"] == 1  # the same case twice is one case
+    exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    elsewhere = exam.Folder(tmp_path / "elsewhere")
+    assert exam.sit(exam.Exam(elsewhere, 1, 0, "sealed"), scoreboard=board)["cases"] == 1
+    assert len(board.read_text().splitlines()) == len(calls) == 1 and not elsewhere.made(7)
+    monkeypatch.setattr(exam, "make", refused)
+    result = exam.sit(exam.Exam(elsewhere, 2, 0, "sealed"), scoreboard=board)
+    exam.sit(exam.Exam(elsewhere, 2, 0, "sealed"), scoreboard=board)  # what cannot be made is not tried again either
+    first, second = (json.loads(line) for line in board.read_text().splitlines())
+    assert [row["number"] for row in first["cases"]] == [7] and second["cases"] == [] and second["left_out"] == [8]
+    assert first["version"] == second["version"] == exam.version() and result["cases"] == 1
+    exam.sit(exam.Exam(folder, 1, 1, "sealed"), scoreboard=board)  # another set
+    assert len(board.read_text().splitlines()) == 3
     assert not exam_scoreboard.attempts(board, "another version")
+
+
+def refused(question, once):
+    raise exam.Unmakeable("two meshes of it differ by 12 mm")
+
+
+def test_rivals_may_come_later(folder, tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: (calls.append(command[3:5]), ("", "", 1))[1])
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board, sitting = tmp_path / "board.jsonl", exam.Exam(folder, 1, 0, "sealed")
+    guess = Rival("guess", "guesses", "nobody", lambda case: None)
+    for rivals in ([], [guess], [guess]):
+        result = exam.sit(sitting, rivals=rivals, scoreboard=board)
+    assert calls == [["gap", "run"], ["exam", "rival"]]
+    assert [len(json.loads(line)["cases"]) for line in board.read_text().splitlines()] == [1, 0]
+    assert result["rivals"]["guess"]["ours"] == result["figures"]
 
 
 def test_cases_of_every_version_are_told_together(folder, tmp_path, monkeypatch):

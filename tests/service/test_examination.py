@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,3 +81,10 @@ def test_a_worker_makes_the_same_task_again_and_refuses_another_version(wanted, 
     assert done[0].question == wanted[3].question and done[0].exam.folder.root == wanted[3].exam.folder.root.resolve()
     with pytest.raises(Refused, match="install the same on both"):
         deployed.case.fn(order | {"version": "0" * 64}, 3)
+
+
+def test_a_worker_does_what_is_left_of_a_task(wanted):
+    """Who answered before, in another folder or on another day, does not answer again."""
+    left = [replace(wanted[3], diagnosed=False, rivals=("chance",))]
+    (again,) = examination.tasks(json.loads(json.dumps(examination.order(left))))
+    assert again.question.number == 3 and again.candidates == ("chance",)

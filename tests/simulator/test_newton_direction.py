@@ -71,14 +71,14 @@ def test_what_moves_of_itself_is_foreseen(scene):
         assert np.abs(after[problem.system.free]).max() < 1e-3 * np.abs(g).max()
 
 
-def test_a_step_that_changes_much_is_factorised_each_time(scene, monkeypatch):
+def test_a_hessian_that_changed_much_is_factorised_anew_and_that_factor_serves(scene, monkeypatch):
     problem, step, x = scene
     directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)
     stiff = replace(step, s=1e-4 * step.s)  # a Hessian that is nearly all inertia
     for at in (stiff, step, step):
         p = problem.system.gather(directions.newton(x, at, problem.gradient(x, at)))
         np.testing.assert_allclose(p, dense(problem, at, x)[1], rtol=1e-6, atol=1e-12)
-    assert len(asked) >= 3
+    assert len(asked) == 2
 
 
 def test_negative_curvature_is_noticed(scene):
