@@ -58,9 +58,10 @@ def _llvm() -> Iterator[str]:
 
 def _cholmod() -> Iterator[str]:
     import scipy.sparse
-    from sksparse.cholmod import cholesky
 
-    cholesky(scipy.sparse.eye(3, format="csc"))
+    from tasks.geometry.cholmod_kernels import load_cholmod
+
+    load_cholmod().cholesky(scipy.sparse.eye(3, format="csc"))
     yield f"scikit-sparse {version('scikit-sparse')}"
 
 

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from tasks.geometry.cholmod_kernels import load_cholmod
 from tasks.simulator.potential import Blocks
 
 Array = NDArray[np.float64]
@@ -158,7 +159,7 @@ def _diagonal(n: int) -> NDArray[np.int64]:
 def _analyse(A: csc_matrix):
     """A function from matrices of the pattern of A to factors."""
     try:
-        from sksparse import cholmod
+        cholmod = load_cholmod()
     except ImportError:
         return _lu
     symbolic = cholmod.analyze(A, mode="supernodal", ordering_method="metis")  # half the fill of AMD on cloth

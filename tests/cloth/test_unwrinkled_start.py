@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Job, follow
+from tasks.cloth.shooting import Evidence, Job, Prior, follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.unwrinkled_start import unwrinkled_start
-from tasks.cloth.windows import Window, predict
+from tasks.cloth.unwrinkled_start import noise_variances, unwrinkled_start, without_wrinkles
+from tasks.cloth.windows import Normals, Prediction, Window, predict
 from tests.cloth.test_windows import swung
 
 NOISE, KEPT, LENGTH = 1e-3, 6, 10
@@ -51,6 +51,20 @@ def test_a_state_stays_where_nothing_nearer_is_found(noisy):
     for each in (exact, stuck):
         for after, state in zip(unwrinkled_start(each), (each.states.x, each.states.v), strict=True):
             np.testing.assert_array_equal(after, state[job.window.start])
+
+
+@pytest.mark.parametrize(("mode", "modes"), [(0, 1), (5, 1)])
+def test_a_wrinkle_that_bends_leaves_of_bending_what_noise_does_not_feign(noisy, mode, modes):
+    """The column of a mode that is bending's own: G/(1 + G s²) is left, s of the prior where the mode is a smooth one, else of the noise."""
+    (job, *_), _ = noisy
+    fine = replace(job, φ=smooth_modes(job.model.subject.cloth, 8))
+    names, G, prior = (f"x {mode} y", "log_bending"), 3e6, Prior(2e-3, 0.1)
+    equations = Normals(names, np.full((2, 2), G), np.zeros(2), 0.0, 100)
+    found = Evidence(Prediction(job.window, np.zeros(0), {}, "", 0), equations)
+    left = without_wrinkles(fine, found, prior, modes)
+    s = 2e-3 if mode < modes else float(np.sqrt(noise_variances(fine, names[:1])[0]))
+    assert left.names == ("log_bending",) and 1e-5 < s < NOISE * 2.1
+    assert left.G[0, 0] == pytest.approx(G / (1 + G * s**2))
 
 
 def _started(job):

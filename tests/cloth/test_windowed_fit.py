@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth import windowed_fit
+from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.simulator import Fabric
 from tests.cloth.test_gauss_newton import TRUTH, observed, panel
@@ -36,3 +38,13 @@ def test_a_noisy_start_is_pulled_towards_what_the_forces_allow(scene):
     x = panel(6).x0
     before, after = (1e3 * np.sqrt(np.mean((s.x0 - x) ** 2)) for s in (replace(scene, x0=scene.observed[0]), started_well(scene, TRUTH)))
     assert after < 0.8 * before
+
+
+def test_what_the_computation_does_is_taken_off_at_the_end(scene):
+    """Of windows with what a finer mesh and half the step add, only the fabric's two columns are left."""
+    jobs, _ = windowed_fit._jobs(scene, TRUTH)
+    found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
+    finer = windowed_fit._with_offsets(found, jobs, map)
+    for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)(TRUTH), strict=True):
+        assert len(job.offsets) == 2
+        assert told.names == PARAMETERS

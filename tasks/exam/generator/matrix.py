@@ -9,12 +9,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
-from sksparse import cholmod
+
+from tasks.geometry.cholmod_kernels import load_cholmod
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 EXACT = 1e-3  # relative residual of a solution
 AGED = 12  # iterations that a factor may need
+
+cholmod = load_cholmod()
 
 
 class Indefinite(ArithmeticError):
