@@ -84,17 +84,19 @@ def fit_windows(
 def _settled(
     scene: Scene, found: BaseFit, jobs: list[Job], iterations: int, run: Map, tell: Callable[[str], None]
 ) -> tuple[BaseFit, list[Job]]:
-    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still; and these."""
+    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where they cannot be followed."""
     for _ in range(ROUNDS):
-        before, history = found.model.subject.fabric, found.history
+        before = found.model.subject.fabric
         longer, _ = _jobs(scene, before)
-        found = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
-        done = [job for job, e in zip(longer, found.evidence, strict=True) if e.prediction.complete]
-        profile = bracketed(found.model.subject.fabric, _following(found, done, run)) if done else None
-        if profile is not None:
-            found = replace(found, model=with_fabric(found.model, profile.fabric))
-        found, jobs = replace(found, history=(*history, *found.history)), longer
-        if np.abs(logarithms(found.model.subject.fabric) - logarithms(before)).max() < FAR:
+        further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell) if longer else None
+        done = [job for job, e in zip(longer, further.evidence if further else (), strict=True) if e.prediction.complete]
+        if further is None or 2 * len(done) < len(longer):
+            break
+        profile = bracketed(further.model.subject.fabric, _following(further, done, run))
+        after = further.model.subject.fabric if profile is None else profile.fabric
+        found = replace(further, model=with_fabric(further.model, after), history=(*found.history, *further.history))
+        jobs = longer
+        if np.abs(logarithms(after) - logarithms(before)).max() < FAR:
             break
     return found, jobs
 
@@ -167,11 +169,9 @@ def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
 def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
     """The fabric with what a finer computation adds, and what the windows say there."""
     fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
-    if not with_offset:
-        return fabric, _normal(found.evidence, found.prior)
-    profile = bracketed(fabric, _following_finely(found, with_offset, run))
+    profile = bracketed(fabric, _following_finely(found, with_offset, run)) if with_offset else None
     if profile is None:
-        return fabric, _normal(found.evidence, found.prior)
+        return fabric, _normal(list(run(follow, _in(fabric, found, jobs))), found.prior)
     normal = profile.normal
     return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal
 

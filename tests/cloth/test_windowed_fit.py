@@ -48,3 +48,20 @@ def test_what_the_computation_does_is_taken_off_at_the_end(scene):
     for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)(TRUTH), strict=True):
         assert len(job.offsets) == 2
         assert told.names == PARAMETERS
+
+
+@pytest.mark.parametrize("stuck", ["at its states", "in its windows"])
+def test_where_longer_windows_cannot_be_followed_the_short_ones_stand(scene, monkeypatch, stuck):
+    jobs = windowed_fit._jobs
+
+    def only_short(scene, fabric, length_s=None):
+        found, ending = jobs(scene, fabric, length_s)
+        if length_s is None:
+            settings = replace(found[0].model.settings, newton_iterations=1, halvings=0)
+            found = [] if stuck == "at its states" else [replace(job, model=replace(job.model, settings=settings)) for job in found]
+        return found, ending
+
+    monkeypatch.setattr(windowed_fit, "_jobs", only_short)
+    found = fit_windows(started_well(scene, FAR), FAR)
+    assert len(found.normal.g) == 2 and np.isfinite(found.covariance).all()
+    assert np.log(found.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.35)
