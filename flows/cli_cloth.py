@@ -24,7 +24,7 @@ TRACKS = "_track"  # the actor under which loose geometry lies, one sequence per
 def fit(
     track: Path,
     *,
-    method: Literal["gauss-newton", "adam-fd"] = "gauss-newton",
+    method: Literal["gauss-newton", "whole-replay", "adam-fd"] = "gauss-newton",
     as_released: Annotated[bool, Parameter(name="--as-released", negative="")] = False,
     boundary: Literal["tracked", "skinned"] = "tracked",
     frames: int = 24,
@@ -43,7 +43,7 @@ def fit(
     Parameters
     ----------
     track: NPZ of tracked geometry, or a folder with one OBJ or PLY per frame.
-    method: Gauss-Newton on derivatives of the simulation, or Algorithm 1 of PhysAvatar (finite differences and Adam, 100 iterations).
+    method: Gauss-Newton on derivatives, of windows or of one replay of the whole, or Algorithm 1 of PhysAvatar (finite differences and Adam, 100 iterations).
     as_released: Algorithm 1 with the released code's raw Adam.
     boundary: Driven nodes follow the tracked surface, or ride on the nearest face of the collider.
     frames: How many frames after the first are compared; Algorithm 1 takes 24.

@@ -19,7 +19,7 @@ from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, fo
 from tasks.cloth.checkpoints import FrameFile, load_descent, save_descent
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments, weighed
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, normal_equations
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.scene import Scene, replay
@@ -40,13 +40,14 @@ AT_ONCE = 2  # computations side by side on one machine
 
 
 class FitParameters(Parameters):
-    """How a fabric is fitted. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4 by tangents, 100 by differences.
+    """How a fabric is fitted: on windows, on one replay of the whole, or by Algorithm 1. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4
+    by tangents, 100 by differences.
 
     effects: names of effects that the model has beside the base, of the library or of effects_folder; their strengths are fitted too.
     attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
     """
 
-    method: Literal["gauss-newton", "adam-fd"] = "gauss-newton"
+    method: Literal["gauss-newton", "whole-replay", "adam-fd"] = "gauss-newton"
     as_released: bool = False
     density: float = 320.0
     membrane: float = 4.0
@@ -71,7 +72,7 @@ class FitParameters(Parameters):
     @field_validator("effects")
     @classmethod
     def _known(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        if names and (info.data.get("method") == "adam-fd" or info.data.get("profiles")):
+        if names and (info.data.get("method") != "gauss-newton" or info.data.get("profiles")):
             raise ValueError("effects are fitted by gauss-newton, and profiles are drawn of the base model: leave out one of the two")
         return tuple(e.name for e in _effects(names, info.data.get("effects_folder"))) if names else ()
 
@@ -189,8 +190,7 @@ def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]
     fitted = []
     for each in work:
         with Pool(limit_s=parameters.limit_s, at_once=AT_ONCE, attempts=parameters.attempts) as pool:
-            by = _by_differences if parameters.method == "adam-fd" else _by_tangents
-            scene, found, known = by(job, each, parameters, job.spread(pool.map, AT_ONCE))
+            scene, found, known = BY[parameters.method](job, each, parameters, job.spread(pool.map, AT_ONCE))
             found = replace(found, reasons=(*pool.reasons, *found.reasons))
         for said in (*found.reasons, *([] if found.replay.complete else [f"replay of the whole: {found.replay.ending}"])):
             job.warn(f"{each.name}: {said}")
@@ -203,14 +203,25 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> F
     scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
     effects = _effects(parameters.effects, parameters.effects_folder)
     iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
-    most = iterations * (2 if effects else 1) + 1
 
     def tell(text: str) -> None:
-        job.progress(next(rounds) / most, f"{work.name}: {text}")
+        job.progress(1 - 0.9 ** next(rounds), f"{work.name}: {text}")  # nobody knows how many rounds there will be
 
     found = fit_windows(scene, work.fabric, effects=effects, iterations=iterations, run=run, memory=memory, tell=tell)
     known = knowledge(scene, found, objective=Windowed.of(found, run), otherwise=work.otherwise, profiles=parameters.profiles)
     return scene, found, known
+
+
+def _by_whole_replay(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
+    """Gauss–Newton on one replay from the first frame to the last: what Algorithm 1 minimises too."""
+    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
+    iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
+
+    def on_iteration(now: Progress) -> None:
+        job.progress(len(now.history) / (iterations + 1), f"{work.name}: {now.history[-1]['rms_mm']:.1f} mm")
+
+    found = fit(scene, Progress(work.fabric), iterations=iterations, on_iteration=on_iteration, memory=memory)
+    return scene, found, knowledge(scene, found, otherwise=work.otherwise, profiles=parameters.profiles)
 
 
 def _by_differences(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
@@ -230,6 +241,9 @@ def _by_differences(job: Job, work: Work, parameters: FitParameters, run: Map) -
     last = replay(scene, fabric, tangents=PARAMETERS)
     found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending)
     return scene, found, knowledge(scene, found, profiles=parameters.profiles)
+
+
+BY = {"gauss-newton": _by_tangents, "whole-replay": _by_whole_replay, "adam-fd": _by_differences}
 
 
 def _untimed(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.cloth import windowed_fit
+from tasks.cloth.scene import replay
 from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.simulator import Fabric
@@ -48,6 +49,16 @@ def test_what_the_computation_does_is_taken_off_at_the_end(scene):
     for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)(TRUTH), strict=True):
         assert len(job.offsets) == 2
         assert told.names == PARAMETERS
+
+
+def test_noise_that_is_overstated_hides_nothing():
+    """A recording without errors, said to have some of a millimetre: within them any fabric explains it."""
+    scene = panel(5, frames=5)
+    x = replay(scene, TRUTH).x
+    found = fit_windows(started_well(replace(scene, observed=x, noise_m=np.full(x.shape[:2], 1e-3)), FAR), FAR)
+    assert np.log(found.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.1)
+    assert np.log(found.fabric.membrane / TRUTH.membrane) == pytest.approx(0, abs=0.3)
+    assert found.history[-1]["rms_mm"] < 0.5
 
 
 @pytest.mark.parametrize("stuck", ["at its states", "in its windows"])

@@ -28,15 +28,23 @@ def track(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_track_is_fitted_stored_and_found_again(track, capsys):
-    assert run("cloth", "fit", track, "--at-rest", "--iterations", 2, "--json") == 0
+    assert run("cloth", "fit", track, "--at-rest", "--iterations", 4, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["artifact"]["actor"] == "_track" and len(told["artifact"]["sequence"]) == 64
     assert {"kappa_s_over_rho", "kappa_b_over_rho", "density"} <= set(told["parameters"])
     assert told["history"][-1]["rms_mm"] < 1.0  # the noise that is assumed where the file names none
     assert "gauge" in told["knowledge"] and not told["cached"]
-    assert run("cloth", "fit", track, "--at-rest", "--iterations", 2, "--json") == 0
+    assert run("cloth", "fit", track, "--at-rest", "--iterations", 4, "--json") == 0
     again = json.loads(capsys.readouterr().out)
     assert again["cached"] and again["parameters"] == told["parameters"]
+
+
+def test_one_replay_of_the_whole_by_flag(track, capsys):
+    """It begins with the loss of its start and lowers it; no windows are cut."""
+    assert run("cloth", "fit", track, "--at-rest", "--method", "whole-replay", "--iterations", 4, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    losses = [row["loss"] for row in told["history"]]
+    assert 2 <= len(losses) <= 3 and losses == sorted(losses, reverse=True) and losses[-1] < losses[0]
 
 
 @pytest.mark.slow
