@@ -24,7 +24,7 @@ from tasks.cloth.windows import Normals
 from tasks.simulator import Fabric
 
 Array = NDArray[np.float64]
-Followed = Callable[[Fabric], Sequence[Normals] | None]
+Followed = Callable[[Sequence[Fabric]], Sequence[Sequence[Normals] | None]]
 
 ASIDE = float(np.log(1.5))  # h
 WORTH = 6.0  # decrease of the loss that is worth a move: where folds fall anew it scatters by ten
@@ -62,27 +62,29 @@ class Profile:
 def bracketed(fabric: Fabric, follow: Followed) -> Profile | None:
     """The fabric, its κ_b moved by steps of h until the loss rises to either side, and its profile there; None where windows are lost.
 
-    follow: what each window says of a fabric, start state marginalised; None where one cannot be followed.
+    follow: what each window says of each of several fabrics, start state marginalised; None where one cannot be followed.
     """
     known: dict[int, Sequence[Normals] | None] = {}
 
-    def at(k: int) -> Sequence[Normals] | None:
-        if k not in known:
-            known[k] = follow(aside(fabric, k))
-        return known[k]
+    def ask(*places: int) -> None:
+        """Of all at once: few windows keep few workers busy."""
+        new = [k for k in places if k not in known]
+        known.update(zip(new, follow([aside(fabric, k) for k in new]), strict=True) if new else ())
 
     def loss(k: int) -> float:
-        each = at(k) if _between_bounds(fabric, k) else None
+        each = known[k] if _between_bounds(fabric, k) else None
         return np.inf if each is None else sum(map(_loss, each))
 
     here = next(k for k in (0, -1, 1) if _between_bounds(fabric, k))
     for _ in range(FURTHEST):
+        ask(here - 1, here, here + 1)
         best = min((here - 1, here + 1), key=loss)
         if not loss(best) < loss(here) - WORTH:
             break
         here = best
     points = (here - 1, here, here + 1)
-    found = tuple(at(k) for k in points)
+    ask(*points)
+    found = tuple(known[k] for k in points)
     h = np.diff([np.log(aside(fabric, k).bending) for k in points])
     return None if any(each is None for each in found) else Profile(aside(fabric, here), found, h)
 

@@ -119,9 +119,9 @@ def _settled(
 def _following(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
     """What windows say of any fabric, the smooth modes of their start marginalised."""
 
-    def told(fabric: Fabric) -> list[Normals] | None:
-        evidence = list(run(follow, _in(fabric, found, jobs)))
-        return [without_state(e.normals, found.prior) for e in evidence] if _whole(evidence) else None
+    def told(fabrics: Sequence[Fabric]) -> list[list[Normals] | None]:
+        each = _evidence(fabrics, found, jobs, run)
+        return [[without_state(e.normals, found.prior) for e in evidence] if _whole(evidence) else None for evidence in each]
 
     return told
 
@@ -130,17 +130,21 @@ def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed
     """The same with what noise leaves of wrinkles marginalised too, which only stiffness could iron, and less what the computation does."""
     fine = [replace(job, φ=smooth_modes(job.model.subject.cloth, FINE)) for job in jobs]
 
-    def told(fabric: Fabric) -> list[Normals] | None:
-        evidence = list(run(follow, _in(fabric, found, fine)))
-        if not _whole(evidence):
-            return None
-        return [corrected(without_wrinkles(job, e, found.prior, MODES)) for job, e in zip(fine, evidence, strict=True)]
+    def told(fabrics: Sequence[Fabric]) -> list[list[Normals] | None]:
+        each = _evidence(fabrics, found, fine, run)
+        return [_without_wrinkles(fine, evidence, found.prior) if _whole(evidence) else None for evidence in each]
 
     return told
 
 
-def _in(fabric: Fabric, found: BaseFit, jobs: Sequence[Job]) -> list[Job]:
-    return [replace(job, model=with_fabric(found.model, fabric)) for job in jobs]
+def _without_wrinkles(jobs: Sequence[Job], evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
+    return [corrected(without_wrinkles(job, e, prior, MODES)) for job, e in zip(jobs, evidence, strict=True)]
+
+
+def _evidence(fabrics: Sequence[Fabric], found: BaseFit, jobs: Sequence[Job], run: Map) -> list[list[Evidence]]:
+    """Of each fabric, each window."""
+    flat = list(run(follow, [replace(job, model=with_fabric(found.model, fabric)) for fabric in fabrics for job in jobs]))
+    return [flat[k : k + len(jobs)] for k in range(0, len(flat), len(jobs))]
 
 
 def _whole(evidence: Sequence[Evidence]) -> bool:
@@ -186,7 +190,7 @@ def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, N
     fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
     profile = bracketed(fabric, _following_finely(found, with_offset, run)) if with_offset else None
     if profile is None:
-        return fabric, _normal(list(run(follow, _in(fabric, found, jobs))), found.prior)
+        return fabric, _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
     normal = profile.normal
     return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal
 

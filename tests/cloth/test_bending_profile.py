@@ -20,7 +20,10 @@ def windows(curvature, best, *, lost=lambda fabric: False):
     """Two windows whose losses are parabolas in log κ_b about `best`, each off by a tenth its own way; and the fabrics asked for."""
     asked = []
 
-    def follow(fabric):
+    def follow(fabrics):
+        return [told(fabric) for fabric in fabrics]
+
+    def told(fabric):
         asked.append(fabric.bending)
         found = []
         for off in (-0.1, 0.1):

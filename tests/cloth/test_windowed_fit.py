@@ -46,7 +46,7 @@ def test_what_the_computation_does_is_taken_off_at_the_end(scene):
     jobs, _ = windowed_fit._jobs(scene, TRUTH)
     found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
     finer = windowed_fit._with_offsets(found, jobs, map)
-    for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)(TRUTH), strict=True):
+    for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)([TRUTH])[0], strict=True):
         assert len(job.offsets) == 2
         assert told.names == PARAMETERS
 
