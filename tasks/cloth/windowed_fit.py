@@ -53,6 +53,7 @@ Array = NDArray[np.float64]
 
 FEWEST = 3  # windows: their scatter says how sure a stiffness is
 ROUNDS, FAR = 3, 0.2  # in longer windows, and the change of a logarithm that asks for another
+PREDICTED = 4.0  # median misfit of a window per coordinate up to which it was predicted
 LEAST_NOISE = 1e-5  # [m]
 MODES = 20  # of the start state, times three directions, times place and velocity
 
@@ -99,13 +100,14 @@ def _misfit(found: BaseFit) -> float:
 def _settled(
     scene: Scene, found: BaseFit, jobs: list[Job], iterations: int, run: Map, tell: Callable[[str], None]
 ) -> tuple[BaseFit, list[Job]]:
-    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where they cannot be followed."""
+    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where cloth cannot be predicted
+    that far."""
     for _ in range(ROUNDS):
         before = found.model.subject.fabric
         longer, _ = _jobs(scene, before)
         further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell) if longer else None
         done = [job for job, e in zip(longer, further.evidence if further else (), strict=True) if e.prediction.complete]
-        if further is None or 2 * len(done) < len(longer):
+        if further is None or 2 * len(done) < len(longer) or _misfit(further) > PREDICTED:
             break
         profile = bracketed(further.model.subject.fabric, _following(further, done, run))
         after = further.model.subject.fabric if profile is None else profile.fabric
