@@ -146,6 +146,10 @@ class Task:
         """Who answers it; None is the diagnosis."""
         return (*([None] if self.diagnosed else []), *self.rivals)
 
+    def by(self, candidates: Sequence[str | None]) -> "Task":
+        """The same, answered by these alone."""
+        return replace(self, diagnosed=None in candidates, rivals=tuple(name for name in candidates if name is not None))
+
     @property
     def done(self) -> bool:
         """Whether nothing is left to do."""
@@ -302,12 +306,12 @@ def sit(
 
 
 def unanswered(tasks: Sequence[Task], of: str, scoreboard: Path) -> list[Task]:
-    """The tasks less what a version's earlier attempts have answered."""
+    """The tasks of an exam less what a version's earlier attempts have answered."""
+    everyone, exam = {name for task in tasks for name in task.candidates}, tasks[0].exam
+    known = {name: sat(scoreboard, of, exam.seed, exam.engine, name) for name in everyone}
 
     def left(task: Task) -> Task:
-        exam, number = task.exam, task.question.number
-        known = [name for name in task.candidates if number in sat(scoreboard, of, exam.seed, exam.engine, name)]
-        return replace(task, diagnosed=None not in known, rivals=tuple(r for r in task.rivals if r not in known))
+        return task.by([name for name in task.candidates if task.question.number not in known[name]])
 
     return [task for task in map(left, tasks) if task.candidates]
 

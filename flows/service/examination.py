@@ -7,7 +7,6 @@ import asyncio
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,7 @@ def tasks(order: dict[str, Any]) -> Iterator[Task]:
     for task in exam.tasks(chosen(order["rivals"])):
         asked = order["asked"].get(str(task.question.number))
         if asked is not None:
-            yield replace(task, diagnosed=None in asked, rivals=tuple(r for r in task.rivals if r in asked))
+            yield task.by(asked)
 
 
 def exam_work(order: dict[str, Any], in_flight: int) -> Work:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.gauss_newton import Normal
-from tasks.cloth.shooting import PARAMETERS, SCALE, moved, scaled
+from tasks.cloth.shooting import PARAMETERS, moved, scaled, unscaled_loss
 from tasks.cloth.windows import Normals
 from tasks.simulator import Fabric
 
@@ -44,7 +44,7 @@ class Profile:
     @property
     def losses(self) -> Array:
         """l_w [3, W]."""
-        return np.array([[_loss(n) for n in each] for each in self.windows])
+        return np.array([[unscaled_loss(n) for n in each] for each in self.windows])
 
     @property
     def normal(self) -> Normal:
@@ -73,7 +73,7 @@ def bracketed(fabric: Fabric, follow: Followed) -> Profile | None:
 
     def loss(k: int) -> float:
         each = known[k] if _between_bounds(fabric, k) else None
-        return np.inf if each is None else sum(map(_loss, each))
+        return np.inf if each is None else sum(map(unscaled_loss, each))
 
     here = next(k for k in (0, -1, 1) if _between_bounds(fabric, k))
     for _ in range(FURTHEST):
@@ -98,7 +98,3 @@ def _between_bounds(fabric: Fabric, k: int) -> bool:
     """Whether there are fabrics below and above."""
     below, here, above = (aside(fabric, k + side).bending for side in (-1, 0, 1))
     return below < here * (1 - SAME) and above > here * (1 + SAME)
-
-
-def _loss(n: Normals) -> float:
-    return n.n * float(np.log(max(n.c / n.n, SCALE)))

@@ -327,9 +327,19 @@ def weighed(evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
     return [scaled(without_nuisances(e.normals, prior)) for e in evidence if e.prediction.complete]
 
 
+def scale(n: Normals) -> float:
+    """s_w of a window."""
+    return max(n.c / n.n, SCALE)
+
+
+def unscaled_loss(n: Normals) -> float:
+    """n log s_w: −2 log likelihood of a window whose scale nobody knows."""
+    return n.n * float(np.log(scale(n)))
+
+
 def scaled(n: Normals) -> Normals:
     """Normal equations of a window over its own scale s_w."""
-    s = max(n.c / n.n, SCALE)
+    s = scale(n)
     return replace(n, G=n.G / s, g=n.g / s, c=n.c / s)
 
 
@@ -363,7 +373,7 @@ def _loss(of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> f
     if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
         return np.inf
     found = [without_nuisances(e.normals, prior) for e, ok in zip(of, both, strict=True) if ok]
-    return sum(n.n * float(np.log(max(n.c / n.n, SCALE))) for n in found)
+    return sum(map(unscaled_loss, found))
 
 
 def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:

@@ -42,7 +42,7 @@ from tasks.cloth.shooting import (
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.unwrinkled_start import FINE, without_wrinkles
-from tasks.cloth.windows import LONG_S, SHORT_S, Normals, Recording, predict, windows
+from tasks.cloth.windows import PREDICTED, SHORT_S, Normals, Recording, longest_s, predict, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Effect, Motion, Subject
 from tasks.effects.model import Model
@@ -53,7 +53,6 @@ Array = NDArray[np.float64]
 
 FEWEST = 3  # windows: their scatter says how sure a stiffness is
 ROUNDS, FAR = 3, 0.2  # in longer windows, and the change of a logarithm that asks for another
-PREDICTED = 4.0  # median misfit of a window per coordinate up to which it was predicted
 LEAST_NOISE = 1e-5  # [m]
 MODES = 20  # of the start state, times three directions, times place and velocity
 
@@ -79,8 +78,9 @@ def fit_windows(
         again, _ = _jobs(quieter, found.model.subject.fabric, SHORT_S)
         if not again:
             break
-        scene, jobs = quieter, again
+        scene, jobs, history = quieter, again, found.history
         found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        found = replace(found, history=(*history, *found.history))
     found, jobs = _settled(scene, found, jobs, iterations, run, tell)
     if effects:
         return _completed(scene, found, jobs, effects, iterations, run, tell)
@@ -105,9 +105,11 @@ def _settled(
     for _ in range(ROUNDS):
         before = found.model.subject.fabric
         longer, _ = _jobs(scene, before)
-        further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell) if longer else None
-        done = [job for job, e in zip(longer, further.evidence if further else (), strict=True) if e.prediction.complete]
-        if further is None or 2 * len(done) < len(longer) or _misfit(further) > PREDICTED:
+        if not longer:
+            break
+        further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        done = [job for job, e in zip(longer, further.evidence, strict=True) if e.prediction.complete]
+        if 2 * len(done) < len(longer) or _misfit(further) > PREDICTED:
             break
         profile = bracketed(further.model.subject.fabric, _following(further, done, run))
         after = further.model.subject.fabric if profile is None else profile.fabric
@@ -205,7 +207,7 @@ def _finer(job: Job) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Windowed:
-    """What windows say of a fabric: the objective whose optimum `fit_windows` finds, for any scene like it.
+    """What short windows say of a fabric, in which any cloth can be predicted: the objective of the first rounds of `fit_windows`, for any scene like it.
 
     like: a model whose effects act at their strengths, and in which the scene is then linearised too (None: the base alone).
     """
@@ -231,7 +233,7 @@ class Windowed:
         return _normal(evidence, prior) if self.like is None else joint_normal(self.like, evidence, prior)
 
     def _followed(self, scene: Scene, fabric: Fabric) -> tuple[list[Evidence], Prior]:
-        jobs, _ = _jobs(scene, fabric)
+        jobs, _ = _jobs(scene, fabric, SHORT_S)
         if self.like is not None:
             completed = replace(jobs[0].model, effects=self.like.effects, strengths=self.like.strengths) if jobs else None
             jobs = [replace(job, model=completed, columns=True) for job in jobs]
@@ -240,15 +242,14 @@ class Windowed:
 
 
 def _jobs(scene: Scene, fabric: Fabric, length_s: float | None = None) -> tuple[list[Job], str]:
-    """The windows of a scene; none, and why, where the cloth cannot be brought to where it was seen."""
+    """The windows of a scene, as long as leaves `FEWEST` of them if not said; none, and why, where the cloth cannot be brought to where it was seen."""
     zone = np.full(len(scene.x0), "free", dtype="U8")
     model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), replace(scene.settings, yield_collider=False))
     recording = Recording(scene.collider, Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
     if scene.settings.yield_collider:
         recording = with_yielded_collider(recording, model)
     known = states(model, recording.motion, recording.observed, _noise(scene))
-    length_s = length_s or float(np.clip((len(recording) - 1) / scene.fps / FEWEST, SHORT_S, LONG_S))
-    cut = windows([recording], scene.fps, length_s)
+    cut = windows([recording], scene.fps, length_s or longest_s([recording], scene.fps, FEWEST))
     if known.ending != CONVERGED:
         cut = [w for w in cut if w.start < len(known.x)]
         if len(known.x) < 2:

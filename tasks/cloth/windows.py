@@ -36,6 +36,7 @@ AT_START = " at the start"
 CONTEXT = 10  # frames before and after a window that a tracker may have mixed in
 SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond that derivatives do not hold in every cloth
 LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
+PREDICTED = 4.0  # median misfit of windows per coordinate up to which cloth was predicted over their length
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,11 @@ class Prediction:
     def complete(self) -> bool:
         """Whether every frame was reached."""
         return self.ending == CONVERGED
+
+
+def longest_s(recordings: Sequence[Recording], fps: float, count: int) -> float:
+    """Length [s] of windows of which recordings give `count`, from `SHORT_S` to `LONG_S`."""
+    return float(np.clip(sum(len(r) - 1 for r in recordings) / fps / count, SHORT_S, LONG_S))
 
 
 def windows(recordings: Sequence[Recording], fps: float, length_s: float = SHORT_S) -> list[Window]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import Recording, Window
+from tasks.cloth.windows import PREDICTED, Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
@@ -34,7 +34,6 @@ from tasks.gap.verdict import Candidate, Verdict
 Array = NDArray[np.float64]
 
 FOLLOWED = 0.75  # share of the windows
-PREDICTED = 4.0  # median misfit of a window per coordinate, every effect and forcing allowed, up to which it was predicted
 
 
 @dataclass(frozen=True)

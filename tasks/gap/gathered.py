@@ -10,7 +10,7 @@ from tasks.cloth.shooting import Job, Map
 from tasks.cloth.start_state import States, states
 from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.unwrinkled_start import unwrinkled_start
-from tasks.cloth.windows import LONG_S, SHORT_S, Recording, Window, windows
+from tasks.cloth.windows import SHORT_S, Recording, Window, longest_s, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.model import Model
 
@@ -61,8 +61,7 @@ def gather(model: Model, recordings: Sequence[Recording], run: Map = map) -> Gat
 
 def lengths(recordings: Sequence[Recording], fps: float) -> tuple[float, ...]:
     """Lengths [s] of windows in which causes may be weighed, the longest that leaves `ENOUGH` of them first."""
-    seconds = sum(len(r) - 1 for r in recordings) / fps
-    longest = float(np.clip(seconds / ENOUGH, SHORT_S, LONG_S))
+    longest = longest_s(recordings, fps, ENOUGH)
     return (longest, SHORT_S) if longest > SHORT_S else (SHORT_S,)
 
 
