@@ -108,10 +108,9 @@ def _settled(
         if not longer:
             break
         further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
-        done = [job for job, e in zip(longer, further.evidence, strict=True) if e.prediction.complete]
-        if 2 * len(done) < len(longer) or _misfit(further) > PREDICTED:
+        if not _whole(further.evidence) or _misfit(further) > PREDICTED:
             break
-        profile = bracketed(further.model.subject.fabric, _following(further, done, run))
+        profile = bracketed(further.model.subject.fabric, _following(further, longer, run))
         after = further.model.subject.fabric if profile is None else profile.fabric
         found = replace(further, model=with_fabric(further.model, after), history=(*found.history, *further.history))
         jobs = longer
