@@ -91,7 +91,10 @@ def _decimated(body: Array, faces: Faces) -> tuple[Array, Faces]:
 
     if len(faces) <= FACES:
         return body, faces
-    x, light, *_ = igl.qslim(np.asfortranarray(body[0]), np.asfortranarray(faces.astype(np.int64)), FACES, True)
+    manifold, corner = igl.split_nonmanifold(
+        faces.astype(np.int64)
+    )  # qslim returns nothing where the patch's rim touches itself in a vertex
+    x, light, *_ = igl.qslim(np.asfortranarray(body[0][corner]), np.asfortranarray(manifold), FACES, True)
     on = closest_points(np.ascontiguousarray(x), body[0], faces)
     return np.einsum("nk,tnkc->tnc", on.barycentric, body[:, faces[on.face]]), np.ascontiguousarray(light, dtype=np.int32)
 
