@@ -40,6 +40,7 @@ from tasks.effects.model import Model
 Array = NDArray[np.float64]
 
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
+UNFOLLOWED = "stopped: no window can be followed from there"
 SETTLED = 0.03  # of a logarithm, or of a typical strength
 
 
@@ -73,13 +74,15 @@ def refit_jointly(
 ) -> Completed:
     """From the refitted base, on the windows it could follow (`jobs`), with at most `iterations` accepted steps; noise [m] per coordinate.
 
-    Strengths begin at those that the base's model has, zero by default.
+    Strengths begin at those that the base's model has, zero by default, and stay there where no window can be followed.
     """
     model = replace(base.model, effects=tuple(effects), strengths={e.name: base.model.strength(e) for e in effects})
     jobs = [replace(job, columns=True) for job in jobs]
     now = _followed(model, jobs, run)
     prior, ending = estimated_prior(now, noise), f"stopped after {iterations} iterations"
     history = [_row(model, now, prior)]
+    if not any(e.prediction.complete for e in now):
+        return Completed(model, tuple(now), prior, tuple(history), UNFOLLOWED)
     for _ in range(iterations):
         if np.abs(_step(model, now, prior, DAMPING[0])).max() < SETTLED:
             ending = "converged"

@@ -37,6 +37,7 @@ CONTEXT = 10  # frames before and after a window that a tracker may have mixed i
 SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond that derivatives do not hold in every cloth
 LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
 PREDICTED = 4.0  # median misfit of windows per coordinate up to which cloth was predicted over their length
+ROUNDING = 1e-12  # of the size of a column
 
 
 @dataclass(frozen=True)
@@ -216,21 +217,25 @@ def normals(prediction: Prediction, recording: Recording, subject: Subject) -> N
 
 
 def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Normals:
-    """The same with the coefficients of `names` integrated out under N(0, diag(variance))."""
+    """The same with the coefficients of `names` integrated out under N(0, diag(variance)).
+
+    Each over its own size, d: where cloth is about to buckle the derivative by a start mode may grow by 1e8, and would drown the others in rounding.
+    """
     z = normals.index(names)
     x = np.setdiff1d(np.arange(len(normals.names)), z)
     s = np.sqrt(variance)
     M = np.eye(len(z)) + s[:, None] * normals.G[np.ix_(z, z)] * s
-    L = np.linalg.cholesky(M)
-    B = solve_triangular(L, s[:, None] * normals.G[np.ix_(z, x)], lower=True)
-    b = solve_triangular(L, s * normals.g[z], lower=True)
+    d = 1 / np.sqrt(np.diag(M))
+    L = np.linalg.cholesky(d[:, None] * M * d + ROUNDING * np.eye(len(z)))
+    B = solve_triangular(L, (d * s)[:, None] * normals.G[np.ix_(z, x)], lower=True)
+    b = solve_triangular(L, d * s * normals.g[z], lower=True)
     return Normals(
         tuple(np.array(normals.names)[x]),
         normals.G[np.ix_(x, x)] - B.T @ B,
         normals.g[x] - B.T @ b,
         normals.c - float(b @ b),
         normals.n,
-        normals.logdet + 2 * float(np.log(np.diag(L)).sum()),
+        normals.logdet + 2 * float(np.log(np.diag(L) / d).sum()),
     )
 
 

@@ -16,6 +16,7 @@ from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.joint_estimate import foretold, joint
+from tasks.gap.observed_lengths import SCALES, observed_scale
 from tasks.gap.replay import Replay, Replayed, mean, mean_normals, nearer, parted, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import TEMPER, Twins
@@ -143,6 +144,18 @@ def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], a
         if all(frozenset((name, c.name)) not in alike for c in chosen):
             chosen.append(replace(linear[name], strengths={name: θ}))
     return chosen
+
+
+def by_length(screened: Screened, train: Gathered) -> list[Fitted]:
+    """The scale of pattern or cameras that observed lengths ask for, where they ask for one."""
+    s = observed_scale(screened.base.model, train.recordings)
+    chosen = [h for name in SCALES for h in screened.hypotheses if h.name == name and s][:1]
+    return [
+        replace(
+            h, strengths={c: float(np.clip(s, r.low, r.high)) for c, r in zip(h.effects[0].columns, h.effects[0].strengths, strict=True)}
+        )
+        for h in chosen
+    ]
 
 
 def contenders(

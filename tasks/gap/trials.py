@@ -1,19 +1,18 @@
 """Trials: the leading hypotheses simulated and replayed, until the strength of the one that leads stands still.
 
 Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where its strength
-moved, from where it stands; and where it leaves much unexplained, once from the fabric that the base refit began with: a base that lacks the cause
-may have bent the fabric so far that no step leads back (stretch that stood in for a pattern of another size ended at a twentieth of the true one).
-Where even so much is left, effects at strengths that show are asked too (`probes.py`).
+moved, from where it stands; and where it leaves much unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is that observed lengths
+ask for (`observed_lengths.py`). Where even so much is left, effects at strengths that show are asked too (`probes.py`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from tasks.cloth.shooting import Map, moved, with_fabric
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
+from tasks.gap.afresh import afresh
 from tasks.gap.confusability import confusability
 from tasks.gap.gathered import Gathered
 from tasks.gap.held_out import floor_mm
@@ -21,7 +20,18 @@ from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
 from tasks.gap.probes import probed
-from tasks.gap.refits import Refitted, as_simulated, by_contact, contenders, foretold_beside, moved_on, refitted, replayed, searched
+from tasks.gap.refits import (
+    Refitted,
+    as_simulated,
+    by_contact,
+    by_length,
+    contenders,
+    foretold_beside,
+    moved_on,
+    refitted,
+    replayed,
+    searched,
+)
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import TEMPER, twins, with_replays
@@ -45,7 +55,7 @@ class Trials:
         self.alike = twins(self.cosines)
         self.after: dict[str, Refitted] = {}
         self.vetoed: frozenset[str] = frozenset()
-        self._afresh: set[str] = set()
+        self._asked_afresh: set[str] = set()
         tell("replays")
         found = base_replays(screened.base.model, screened.windows.effects, self.train, run)
         self._told = mean_normals(found)
@@ -91,15 +101,16 @@ class Trials:
     def settle(self, *, quick: bool) -> None:
         """Simulate the contenders, then whichever leads until it stands still, what probes propose where that leaves much, and a second cause beside the leader.
 
-        quick: one contender, once more at most and not afresh.
+        quick: one contender, once more at most; afresh only where lengths ask for a scale.
         """
-        seen = by_contact(self.screened, self.train, self.effects, self.alike)
+        scaled = by_length(self.screened, self.train)
+        seen = scaled + by_contact(self.screened, self.train, self.effects, self.alike)
         most, missing = 1 if quick else LEADERS, self.replayed.something_missing
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
         for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing, promise):
             together = h not in seen and promise.get(h.name, 0.0) > PROMISING
-            self.after[h.name] = self.simulate(whole[h.name][0] if together else h)
+            self.after[h.name] = self._afresh(h) if h in scaled else self.simulate(whole[h.name][0] if together else h)
         self._until_it_stands_still(quick=quick)
         if not quick:
             if self.doubt() > DOUBTFUL:
@@ -113,9 +124,8 @@ class Trials:
             now = self.after.get(leader.name)
             if now is None or now.windows is None:
                 return
-            if not quick and leader.name not in self._afresh and self.doubt() > DOUBTFUL:
-                self._afresh.add(leader.name)
-                other = self._from_first_fabric(leader)
+            if not quick and leader.name not in self._asked_afresh and self.doubt() > DOUBTFUL:
+                other = self._afresh(leader)
                 if other.hypothesis.evidence > now.hypothesis.evidence:
                     self.after[leader.name] = other
             elif moved_on(now):
@@ -147,10 +157,11 @@ class Trials:
             both = both if support > PROMISING else pairs[best]
             self.after[both.name] = self.simulate(both, first.model)
 
-    def _from_first_fabric(self, leader: Fitted) -> Refitted:
-        """Two joint steps of fabric and strength from the first fabric: after one the fabric is still that of the start."""
-        once = self.simulate(replace(leader, base=np.zeros_like(leader.base)), self.first)
-        return self.simulate(once.hypothesis, once.model) if once.windows is not None else once
+    def _afresh(self, hypothesis: Fitted) -> Refitted:
+        """Simulated in the fabric that is found with it in the model from the first round on."""
+        self._asked_afresh.add(hypothesis.name)
+        self.tell(f"fabric afresh with {hypothesis.name}")
+        return self.simulate(*afresh(self.screened, self.first, self.train, hypothesis, self.run))
 
     def pairs(self) -> tuple[Fitted, ...]:
         """Second effects beside the leader, if it was simulated; as simulated where they were too."""

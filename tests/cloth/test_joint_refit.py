@@ -8,12 +8,12 @@ import pytest
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.estimates import added_effects, estimates
 from tasks.cloth.gauss_newton import rms_mm
-from tasks.cloth.joint_refit import CompletedFit, refit_jointly
+from tasks.cloth.joint_refit import UNFOLLOWED, CompletedFit, refit_jointly
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.scene import replay
-from tasks.cloth.shooting import BaseFit, Prior
+from tasks.cloth.shooting import BaseFit, Evidence, Prior
 from tasks.cloth.windowed_fit import Windowed, fit_windows
-from tasks.cloth.windows import smooth
+from tasks.cloth.windows import Normals, Prediction, Window, smooth
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library
 from tasks.effects.model import Model
@@ -72,6 +72,20 @@ def test_it_begins_at_the_strengths_that_the_base_has(given):
     base = BaseFit(own, np.eye(2), Prior(1e-3, 1e-2), (), (), "converged")
     begun = refit_jointly(base, [], [DRAG], noise=NOISE, iterations=0).model
     assert begun.effects == (DRAG,) and begun.strength(DRAG) == [given]
+
+
+@pytest.mark.parametrize(
+    "windows",
+    [
+        [],
+        [Evidence(Prediction(Window(0, 0, 3), np.zeros((1, 9, 3)), {}, "stalled", 0), Normals((), np.zeros((0, 0)), np.zeros(0), 0.0, 0))],
+    ],
+)
+def test_where_no_window_can_be_followed_it_stays_and_says_so(windows):
+    own = model(panel(3, frames=4), effects=())
+    base = BaseFit(own, np.eye(2), Prior(1e-3, 1e-2), (), (), "converged")
+    found = refit_jointly(base, [], [DRAG], noise=NOISE, iterations=3, run=lambda follow, jobs: windows)
+    assert found.ending == UNFOLLOWED and found.model.strength(DRAG) == own.strength(DRAG)
 
 
 def test_the_strength_is_found(scene, completed):

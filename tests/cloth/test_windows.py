@@ -22,7 +22,7 @@ from tasks.cloth.shooting import (
 )
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
-from tasks.cloth.windows import Recording, Window, predict, windows
+from tasks.cloth.windows import Normals, Recording, Window, marginalised, predict, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
 from tasks.effects.observation_smoothing import EFFECT as SMOOTHING
@@ -305,3 +305,36 @@ def test_what_a_tracker_makes_of_some_frames_is_what_it_makes_of_all_while_the_o
     own = model.observed_tangents(x, {"d": dx}, slice(8, 11), columns=False)["d"]
     np.testing.assert_allclose(own, model.observed_tangents(x, {"d": whole}, columns=False)["d"][8:11], rtol=1e-9)
     assert np.abs(own - dx).max() > 0.1
+
+
+def _columns(rng, modes):
+    """A parameter's column and those of start modes [60, 1 + modes], and a residual [60]."""
+    F = rng.normal(size=(60, 1 + modes))
+    F[:, 0] += 0.3 * F[:, 1]
+    return F, rng.normal(size=60), ("κ", *(f"x {k}" for k in range(modes)))
+
+
+def _marginalised(F, y, names, variance):
+    found = marginalised(Normals(names, F.T @ F, F.T @ y, float(y @ y), len(y)), names[1:], variance)
+    return np.array([found.G[0, 0], found.g[0], found.c])
+
+
+def test_a_start_mode_about_to_buckle_is_integrated_out_without_drowning_the_others():
+    F, y, names = _columns(np.random.default_rng(3), 3)
+    Q = F[:, 2] / np.linalg.norm(F[:, 2])  # what grows beyond measure explains all that lies along it
+    κ, a, b, r = (f - Q * (Q @ f) for f in (F[:, 0], F[:, 1], F[:, 3], y))
+    C = np.eye(60) + 0.1 * np.outer(a, a) + 0.5 * np.outer(b, b)
+    F[:, 2] *= 1e11
+    found = _marginalised(F, y, names, np.array([0.1, 1.0, 0.5]))
+    np.testing.assert_allclose(found, [κ @ np.linalg.solve(C, f) for f in (κ, r)] + [r @ np.linalg.solve(C, r)], rtol=1e-6)
+
+
+def test_start_modes_that_all_end_in_one_buckle_leave_what_it_does_not_explain():
+    rng = np.random.default_rng(4)
+    F, y, names = _columns(rng, 30)
+    buckle = rng.normal(size=60)
+    F[:, 1:] += 1e11 * np.outer(buckle, rng.normal(size=30))
+    found = _marginalised(F, y, names, np.ones(30))
+    Q = buckle / np.linalg.norm(buckle)
+    left = [f - Q * (Q @ f) for f in (F[:, 0], y)]
+    assert 0 < found[0] <= (1 + 1e-6) * left[0] @ left[0] and 0 < found[2] <= (1 + 1e-6) * left[1] @ left[1]

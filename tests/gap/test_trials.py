@@ -25,9 +25,11 @@ class Rehearsed(Trials):
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
-        self.promised, self.proposed, self.probed, self._afresh = {}, [], [], set()
+        self.promised, self.proposed, self.probed, self.scaled, self._asked_afresh = {}, [], [], [], set()
         self.asked, self.finds, self.left, self.windows, self.seconds = [], finds, doubt, (), ()
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
+        monkeypatch.setattr(trials, "by_length", lambda *_: self.scaled)
+        monkeypatch.setattr(trials, "afresh", lambda screened, first, train, hypothesis, run: (hypothesis, first))
         monkeypatch.setattr(
             trials, "probed", lambda screened, train, effects, run: self.probed.append([e.name for e in effects]) or self.proposed
         )
@@ -83,7 +85,7 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
     t.settle(quick=False)
-    assert [origin for _, origin in t.asked[:3]] == ["base", "first", "first+"]
+    assert [origin for _, origin in t.asked[:2]] == ["base", "first"]
     assert sum(origin == "first" for _, origin in t.asked) == 1
     assert t.leader.evidence == (15.0 if better else 12.0)
 
@@ -112,7 +114,16 @@ def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch)
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
     t.settle(quick=False)
-    assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN + 1  # of one time afresh two simulations
+    assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_the_scale_that_lengths_ask_for_is_simulated_afresh_and_once(monkeypatch, quick):
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, origin: (0.3, 20.0 if name == "gravity_tilt" else 1.0))
+    t.scaled = [h for h in t.screened.hypotheses if h.name == "gravity_tilt"]
+    t.settle(quick=quick)
+    assert t.asked[0] == ("gravity_tilt", "first") and t.leader.name == "gravity_tilt"
+    assert t.asked.count(("gravity_tilt", "first")) == 1
 
 
 def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
