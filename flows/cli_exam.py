@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.endings import OK, STAGE_FAILED
+from tasks.geometry.faults import Fault, refuse
 
 app = App(name="exam", help="The blind check of the diagnosis.")
 Split = Literal["open", "sealed"]
@@ -134,21 +135,27 @@ def pictures(*, cases: int = 8, seed: int = 0, split: Split = "open", out: Path 
 
 
 @app.command
-def scoreboard(*, json_: Json = False) -> int:
+def scoreboard(*, version: str = "", json_: Json = False) -> int:
     """Figures of all sealed cases that any version of the diagnosis has sat; each was new to its version.
 
     Parameters
     ----------
+    version: Only versions whose hash begins so, and every case of theirs, as Markdown.
     json_: Machine-readable JSON on stdout.
     """
     from flows.exam_scoreboard import every_version
+    from tasks.exam.scorer.listing import listing
 
-    result = every_version()
+    result = every_version(beginning=version)
+    if not result["rows"]:
+        refuse([Fault(f"--version {version}", "no version whose hash begins so has sat a sealed exam", "Leave it out to see which have")])
     if json_:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
     else:
         _show_figures(result)
-        OUT.print("versions: " + ", ".join(f"{version[:8]} {cases}" for version, cases in result["versions"].items()), highlight=False)
+        OUT.print("versions: " + ", ".join(f"{of[:8]} {cases}" for of, cases in result["versions"].items()), highlight=False)
+        if version:
+            sys.stdout.writelines(f"{line}\n" for line in listing(result["rows"]))
     return OK
 
 

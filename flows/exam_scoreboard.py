@@ -58,12 +58,12 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     return whole | figures(engine, attempts(scoreboard, of, engine))
 
 
-def every_version(scoreboard: Path = SCOREBOARD) -> Row:
-    """Figures of all sealed cases that any version has sat, and how many each did, the first version first.
+def every_version(scoreboard: Path = SCOREBOARD, beginning: str = "") -> Row:
+    """Figures of all sealed cases that any version has sat, or those whose hash has this beginning, and how many each did, the first version first.
 
     A case was new to the version that sat it, for its seed holds the code. Who made a version knew how those before it had fared.
     """
-    own = [attempt for attempt in _all(scoreboard) if attempt.get("engine", OWN) == OWN]
+    own = [a for a in _all(scoreboard) if a.get("engine", OWN) == OWN and a["version"].startswith(beginning)]
     return figures(OWN, own) | {"versions": dict(Counter(version for version, _, _ in pooled(own)))}
 
 

@@ -8,6 +8,7 @@ from tasks.exam.scorer.case import area_under_curve, closing, credit, most_chang
 from tasks.exam.scorer.demo import demo_scores
 from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
+from tasks.exam.scorer.listing import HEAD, listing
 from tasks.exam.scorer.page import page
 from tasks.exam.scorer.summary import calibration_error, summary
 
@@ -146,6 +147,20 @@ def test_summary_and_page_hold_every_case():
     result = OWN | {"cases": 3, "figures": summary(rows), "rivals": {}, "rows": rows}
     text = page(result)
     assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text and "Rivals" not in text
+
+
+def test_the_listing_says_of_every_case_what_was_planted_and_what_was_answered():
+    named = score(
+        truth({"air_normal_drag": 10.0}, multiple=2.5),
+        answer("effect", [["air_normal_drag"]], [(["air_normal_drag"], 0.9), (["none"], 0.1)]),
+    )
+    lacking = score(truth({"air_lift": 10.0}, withheld="air_lift"), answer("none", [], [(["none"], 0.8), (["outside_library"], 0.2)]))
+    failed = score(truth({}, stratum="null"), None)
+    head, rule, *lines = listing([lacking | {"number": 9}, named | {"closed": 0.755}, failed | {"number": 12}])
+    assert head == "| " + " | ".join(HEAD) + " |" and {text.count("|") for text in (head, rule, *lines)} == {len(HEAD) + 1}
+    assert lines[0] == "| 3 | air_normal_drag (2.5) | air_normal_drag, 0.90 | 1 | 0.90 | 2 | 0.76 | 20 |"
+    assert lines[1] == "| 9 | air_lift, which the library lacks (4.0) | none, 0.80 | 0 | 0.20 | 2 |  | 20 |"
+    assert lines[2] == "| 12 | nothing, null | no answer | 0 | 0.00 |  |  |  |"
 
 
 def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():

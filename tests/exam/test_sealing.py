@@ -190,6 +190,7 @@ def test_cases_of_every_version_are_told_together(folder, tmp_path, monkeypatch)
     json.dumps(found, allow_nan=False)  # an old line that says NaN is still read
     assert located["cases"] == 0
     assert found["cases"] == 4 and found["versions"] == {exam.version(): 1, "older": 3}
+    assert exam_scoreboard.every_version(board, "old")["versions"] == {"older": 3}
 
 
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):
