@@ -71,6 +71,10 @@ class Problem:
         """∂²P/∂x², term by term."""
         return hessians(self.potentials, x, step, convex=False)
 
+    def directions(self) -> Directions:
+        """Newton's, for one step; along convex neighbours where steps end at a velocity."""
+        return Directions(self.potentials, self.system, convex=self.velocity_tolerance > 0)
+
     def residual(self, g: Array) -> float:
         """Root mean square acceleration [m/s²] that the forces g [V, 3] left over would cause on the free nodes."""
         free = self.system.free
@@ -85,7 +89,7 @@ class Problem:
 
 def solve(problem: Problem, x: Array, step: Step, *, boundary_target: Array) -> Solution:
     """Minimise from x [V, 3], which is free of contact with the collider at step.collider_n; boundary_target [B, 3] m."""
-    directions = Directions(problem.potentials, problem.system)
+    directions = problem.directions()
     try:
         advance = _advance(problem, x, step, boundary_target, directions)
         if not advance.converged:
@@ -120,9 +124,9 @@ def _advance(problem: Problem, x: Array, step: Step, target: Array, directions: 
             x = x + share * p
             stuck = stuck + 1 if share < 0.02 else 0
             here = replace(step, collider=here.collider + share * Δc)
-            if share < 0.5:
-                x, used = _relax(problem, x, here, directions)
-                iterations += used
+            if share < 0.5:  # so that gaps open again
+                x, _, _ = _newton_step(problem, x, here, problem.gradient(x, here), directions)
+                iterations += 1
 
 
 def _blocked(pair: str, left: float) -> str:
@@ -136,18 +140,9 @@ def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array, dire
     return directions.answer(x, step, problem.gradient(x, step), fixed, Δc)
 
 
-def _relax(problem: Problem, x: Array, step: Step, directions: Directions) -> tuple[Array, int]:
-    """A few plain Newton steps with everything prescribed held, so that gaps open again."""
-    for iteration in range(3):
-        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step), directions)
-        if moved > 0.5:
-            return x, iteration + 1
-    return x, 3
-
-
 def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, directions: Directions | None = None) -> Solution:
     """From x [V, 3] where boundary and collider are at their targets already; `iterations` have been spent on that."""
-    directions, energy = directions or Directions(problem.potentials, problem.system), None
+    directions, energy = directions or problem.directions(), None
     while True:
         g = problem.gradient(x, step)
         residual = problem.residual(g)

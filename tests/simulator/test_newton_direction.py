@@ -8,7 +8,8 @@ from scipy.sparse import csc_matrix
 
 from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
 from tasks.simulator.base_model import base_problem
-from tasks.simulator.newton_direction import Directions, preconditioned, times
+from tasks.simulator.linear_system import NotPositiveDefinite
+from tasks.simulator.newton_direction import EARLY, LADDER, MOST, Directions, hessians, preconditioned, times
 from tasks.simulator.time_integration import State, known, rule
 from tests.simulator.scenes import sheet
 
@@ -89,5 +90,63 @@ def test_negative_curvature_is_noticed(scene):
     λ, v = np.linalg.eigh(whole)
     saddle = csc_matrix(np.tril(whole - 2 * λ[0] * np.outer(v[:, 0], v[:, 0])))
     b = v.sum(1)
-    assert preconditioned(saddle, b, factor) is None
-    np.testing.assert_allclose(preconditioned(A, b, factor), np.linalg.solve(whole, b), rtol=1e-6)
+    with pytest.raises(NotPositiveDefinite):
+        preconditioned(saddle, b, factor, 1e-8)
+    np.testing.assert_allclose(preconditioned(A, b, factor, 1e-8), np.linalg.solve(whole, b), rtol=1e-6)
+
+
+def test_iterations_that_promise_to_take_too_long_are_broken_off(scene):
+    problem, step, x = scene
+    A, b = problem.system.assemble(problem.hessians(x, step)), -problem.system.gather(problem.gradient(x, step))
+    other = problem.system.factorise(problem.system.assemble(problem.hessians(x, replace(step, s=1e-4 * step.s))))
+    solved = []
+    other.solve = lambda r, solve=other.solve: (solved.append(r), solve(r))[1]
+    assert preconditioned(A, b, other, 1e-4) is None
+    assert EARLY < len(solved) < MOST
+
+
+def test_nothing_to_answer_is_no_curvature(scene):
+    problem, step, x = scene
+    A = problem.system.assemble(problem.hessians(x, step))
+    assert not preconditioned(A, np.zeros(problem.system.size), problem.system.factorise(A), 1e-4).any()
+
+
+def buckling(problem, step):
+    """A place where H is not definite: the sheet squeezed a little, in a long step."""
+    x = 0.99 * step.x_n + 1e-4 * np.random.default_rng(2).normal(size=step.x_n.shape)
+    return replace(step, s=16 * step.s), x
+
+
+def test_where_h_is_not_definite_a_factor_of_its_neighbour_serves(scene, monkeypatch):
+    """The next iteration tries less convexity, is told of negative curvature without a factorisation, and goes downhill all the same."""
+    problem, step, _ = scene
+    step, x = buckling(problem, step)
+    assert np.linalg.eigvalsh(dense(problem, step, x)[0]).min() < 0
+    directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)
+    g = problem.gradient(x, step)
+    directions.newton(x, step, g)
+    before = len(asked)
+    p = directions.newton(x, step, g)
+    assert before > 1 and len(asked) == before
+    assert np.sum(g * p) < 0
+
+
+def test_steps_that_end_at_a_velocity_go_along_convex_neighbours(scene):
+    problem, step, x = scene
+    g = problem.gradient(x, step)
+    H = problem.system.assemble(hessians(problem.potentials, x, step, convex=True)).toarray()
+    expected = np.linalg.solve(np.tril(H) + np.tril(H, -1).T, -problem.system.gather(g))
+    exact, convex = (replace(problem, velocity_tolerance=v).directions().newton(x, step, g) for v in (0.0, 1e-3))
+    np.testing.assert_allclose(problem.system.gather(convex), expected, rtol=1e-6, atol=1e-10)
+    assert np.abs(exact - convex).max() > 1e-4 * np.abs(convex).max()
+
+
+def test_convexity_is_taken_back_where_cloth_no_longer_buckles(scene):
+    problem, step, x = scene
+    directions = Directions(problem.potentials, problem.system)
+    squeezed, y = buckling(problem, step)
+    directions.newton(y, squeezed, problem.gradient(y, squeezed))
+    for _ in LADDER:
+        p = problem.system.gather(directions.newton(x, step, problem.gradient(x, step)))
+    A, expected = dense(problem, step, x)
+    assert off(A, p, expected) < 1e-3
