@@ -16,6 +16,7 @@ from tasks.simulator.cloth import Cloth, Collider
 
 Array = NDArray[np.float64]
 KEPT = 0.1  # share of the gap that a step leaves
+LEAST = 1e-9  # [m] that gaps keep: where they are as small as rounding, what has crossed cannot be told
 SLACK = 2.0  # barrier distances around a segment for which its candidates hold as well
 
 
@@ -82,7 +83,7 @@ class ContactSurface:
         """
         candidates = candidates or self._candidates
         assert candidates is not None
-        return candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset, self._ccd)
+        return candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset + LEAST, self._ccd)
 
     def pairs(self, X: Array) -> ipctk.NormalCollisions:
         """Pairs closer than offset + d̂ at X."""

@@ -124,9 +124,9 @@ def _advance(problem: Problem, x: Array, step: Step, target: Array, directions: 
             x = x + share * p
             stuck = stuck + 1 if share < 0.02 else 0
             here = replace(step, collider=here.collider + share * Δc)
-            if share < 0.5:  # so that gaps open again
-                x, _, _ = _newton_step(problem, x, here, problem.gradient(x, here), directions)
-                iterations += 1
+            if share < 0.5:
+                x, used = _relax(problem, x, here, directions)
+                iterations += used
 
 
 def _blocked(pair: str, left: float) -> str:
@@ -138,6 +138,15 @@ def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array, dire
     fixed = np.zeros_like(x)
     fixed[problem.boundary] = Δb
     return directions.answer(x, step, problem.gradient(x, step), fixed, Δc)
+
+
+def _relax(problem: Problem, x: Array, step: Step, directions: Directions) -> tuple[Array, int]:
+    """A few plain Newton steps with everything prescribed held, so that gaps open again."""
+    for iteration in range(3):
+        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step), directions)
+        if moved > 0.5:
+            return x, iteration + 1
+    return x, 3
 
 
 def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, directions: Directions | None = None) -> Solution:

@@ -25,10 +25,10 @@ from tasks.simulator.potential import Blocks, Potential, Step
 Array = NDArray[np.float64]
 Terms = list[Blocks | csc_matrix]
 
-FORCING, MIXED = (
-    1e-4,
-    1e-2,
-)  # share of the error, in the norm of H⁻¹, that conjugate gradients leave: of H, and of a neighbour that is not Newton's own anyway
+# shares of the error, in the norm of H⁻¹, that conjugate gradients leave
+FORCING = 1e-4  # of H
+MIXED = 1e-2  # of a neighbour that is not Newton's own anyway
+CARRIED = 1e-6  # where something prescribed moves: a ten-thousandth of 2 cm, across a gap of a micrometre, closes it
 MOST = 24  # of their iterations, which cost a thirtieth to a fiftieth of a factorisation each
 EARLY = 8  # of them, after which their pace is known
 LADDER = (0.0, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # shares λ of the convex neighbours
@@ -49,13 +49,13 @@ class Directions:
 
     def answer(self, x: Array, step: Step, g: Array, fixed: Array, Δc: Array) -> Array:
         """The same that foresees a motion of the prescribed nodes, `fixed` [V, 3], and of the collider, Δc [C, 3]."""
-        here = _Hessians(self._potentials, self._system, x, step)
+        here, moves = _Hessians(self._potentials, self._system, x, step), fixed.any() or Δc.any()
         while True:
             λ = LADDER[self._rung]
             A, terms = here.mixed(λ)
-            moved = times(terms, fixed, Δc) if fixed.any() or Δc.any() else 0.0
+            carried = times(terms, fixed, Δc) if moves else 0.0
             try:
-                p = self._solved(A, -self._system.gather(g + moved), FORCING if λ == 0 else MIXED)
+                p = self._solved(A, -self._system.gather(g + carried), CARRIED if moves else MIXED if λ else FORCING)
             except NotPositiveDefinite:
                 if λ == 1:
                     raise

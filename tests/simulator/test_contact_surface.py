@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tasks.simulator import Cloth, Collider
-from tasks.simulator.contact_surface import SLACK, ContactSurface
+from tasks.simulator.contact_surface import LEAST, SLACK, ContactSurface
 from tests.simulator.scenes import sheet, sphere
 
 REACH = 1e-3
@@ -71,3 +71,14 @@ def test_beyond_the_slack_nothing_is_missed(scene, monkeypatch):
     surface.prepare(X, Y)
     assert len(segments) == 2
     assert surface.free_step(X, surface.join(x - [0.0, 4e-3, 0.0], ball)) < 1
+
+
+def test_gaps_never_shrink_to_rounding(scene):
+    """However often the sheet is pushed on, the ball stays further off than the rounding of places."""
+    surface, x, ball = scene
+    for _ in range(10):
+        X, Y = surface.join(x, ball), surface.join(x - [0.0, 1e-2, 0.0], ball)
+        surface.prepare(X, Y)
+        x = x - [0.0, 1e-2 * surface.free_step(X, Y), 0.0]
+    gap = surface.least_distance(surface.join(x, ball))
+    assert 0.99 * LEAST < gap < 1.1 * LEAST

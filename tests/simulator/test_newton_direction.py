@@ -72,6 +72,20 @@ def test_what_moves_of_itself_is_foreseen(scene):
         assert np.abs(after[problem.system.free]).max() < 1e-3 * np.abs(g).max()
 
 
+def test_what_moves_of_itself_is_answered_more_sharply(scene, monkeypatch):
+    """By iterations: a share of centimetres is as much as a gap."""
+    problem, step, x = scene
+    directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)
+    directions.newton(x, step, problem.gradient(x, step))
+    y = x + problem.system.scatter(1e-4 * np.random.default_rng(1).normal(size=problem.system.size))
+    g, fixed = problem.gradient(y, step), np.zeros_like(y)
+    fixed[problem.boundary] = [1e-3, 0.0, 2e-2]
+    p = problem.system.gather(directions.answer(y, step, g, fixed, step.collider))
+    A, _ = dense(problem, step, y)
+    expected = np.linalg.solve(A, -problem.system.gather(g + times(problem.hessians(y, step), fixed, step.collider)))
+    assert len(asked) == 1 and off(A, p, expected) < 1e-5
+
+
 def test_a_hessian_that_changed_much_is_factorised_anew_and_that_factor_serves(scene, monkeypatch):
     problem, step, x = scene
     directions, asked = Directions(problem.potentials, problem.system), counted(problem, monkeypatch)

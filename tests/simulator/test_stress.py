@@ -58,7 +58,7 @@ def crossings(x, faces):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [*names()[::11], ("trousers", "cross", 0)])
+@pytest.mark.parametrize("case", [*names()[::11], ("trousers", "cross", 0), ("top", "turn", 1)])
 def test_a_run_goes_through(case):
     outcome = examine(*case)
     assert outcome.ending == "converged" and not outcome.crossing and outcome.beyond < 1e-9
