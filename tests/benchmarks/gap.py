@@ -1,6 +1,8 @@
 """The diagnosis: signatures, nulls, planted effects, effects taken out of the library, and what it costs.
 
-    python -m tests.benchmarks.gap        QUICK=1: a tenth        JSON=1: JSON on stdout        GAP_CASES=folder: where cases are kept and resumed
+    python -m tests.benchmarks.gap [PART…]        QUICK=1: a tenth        JSON=1: JSON on stdout        GAP_CASES=folder: where cases are kept and resumed
+
+PART: signatures, same_mesh_nulls, nulls, planted, removed, large; all of them where none is given.
 
 Recordings come from the exam's generator: another mesh, integrator, material form and another implementation of every effect. Every case is
 checkpointed: a run that was interrupted goes on where it was.
@@ -8,6 +10,7 @@ checkpointed: a run that was interrupted goes on where it was.
 
 import json
 import os
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -16,11 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from flows.exam import Folder, diagnose, generate, mark
-from tasks.exam.generator.causes import LIBRARY
+from storage_schemas.durable import replace_file
+from tasks.exam.generator.causes import CAUSES, LIBRARY
+from tasks.exam.generator.recording import reported, tracked
 from tasks.exam.generator.scenes import MOTIONS
+from tasks.exam.generator.stepper import Stepper
 from tasks.exam.generator.strata import NULLS, Question, admissible
+from tasks.exam.generator.subject import drawn_subject, states
 
 QUICK = bool(os.environ.get("QUICK"))
+LARGE, LARGE_FRAMES, LARGE_DRAG = 3000, 60, 14.0  # vertices, frames, C_n/ρ̄ [m²/kg]
 CASES = Path(os.environ.get("GAP_CASES", "~/.cache/physavatar/bench-gap")).expanduser()
 SEED = 20261121
 Row = tuple[str, float, str, bool]
@@ -29,8 +37,9 @@ Row = tuple[str, float, str, bool]
 def main() -> None:
     """Measure and print metric | value | target | holds."""
     rows = []
-    for part in (signatures, same_mesh_nulls, nulls, planted, removed):
-        for row in part():
+    parts = {part.__name__: part for part in (signatures, same_mesh_nulls, nulls, planted, removed, large)}
+    for name in sys.argv[1:] or parts:
+        for row in parts[name]():
             rows.append(row)
             if not os.environ.get("JSON"):
                 sys.stdout.write("{} | {:.4g} | {} | {}\n".format(*row[:3], "yes" if row[3] else "NO"))
@@ -95,9 +104,49 @@ def removed() -> Iterator[Row]:
     yield f"effect removed from the library, {len(rows)}: confident wrong names", wrong, "<= 0.10", wrong <= 0.1
 
 
-def _question(number: int, stratum: str, causes: dict[str, float], *, withheld: str | None = None, twist: str = "") -> Question:
+def large() -> Iterator[Row]:
+    """What a diagnosis costs at the size that users have: a skirt in air, two recordings. QUICK=1: the quick one alone."""
+    folder = CASES / "large"
+    tracks = _large_recordings(folder)
+    vertices = np.load(tracks[0])["vertices"].shape[1]
+    for way, minutes in (("--quick", 4.0),) if QUICK else (("--quick", 4.0), ("", 60.0)):
+        kept = folder / f"answer{way}.json"
+        if not kept.exists():
+            command = [sys.executable, "-m", "flows", "gap", "run", *map(str, tracks), "--json", *way.split()]
+            answer = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
+            replace_file(kept, answer)
+        answer = json.loads(kept.read_text())
+        took, verdict = answer["seconds"] / 60, answer["verdict"]
+        told = f"{verdict['kind']} {'+'.join(verdict['effects'])} {verdict['probability']:.2f}".replace("  ", " ")
+        yield (
+            f"{vertices} vertices, 2 × {LARGE_FRAMES} frames{' ' * bool(way)}{way}: minutes ({told})",
+            took,
+            f"<= {minutes:g}",
+            took <= minutes,
+        )
+
+
+def _large_recordings(folder: Path) -> list[Path]:
+    """Two recordings of a skirt in air, made once."""
+    tracks = [folder / f"train-{k + 1}.npz" for k in range(2)]
+    if not all(track.exists() for track in tracks):
+        folder.mkdir(parents=True, exist_ok=True)
+        rng = np.random.default_rng(SEED)
+        subject = drawn_subject(_question(1, "single", {"air_normal_drag": 4.0}, kind="skirt"), rng, vertices=LARGE)
+        conditions = CAUSES["air_normal_drag"].apply(subject.conditions(subject.garment.fine), LARGE_DRAG)
+        for k, track in enumerate(tracks):
+            stepper = Stepper(subject.world(conditions, k))
+            moved = states(stepper, subject.still(stepper, k), frames=LARGE_FRAMES)
+            seen = tracked(subject, k, np.stack([subject.reported(s.x) for s in moved]), conditions.smoothing)
+            np.savez_compressed(track, **reported(subject, k, seen, rng))
+    return tracks
+
+
+def _question(
+    number: int, stratum: str, causes: dict[str, float], *, withheld: str | None = None, twist: str = "", kind: str | None = None
+) -> Question:
     kinds = sorted(MOTIONS)
-    kind = kinds[number % len(kinds)]
+    kind = kind or kinds[number % len(kinds)]
     motions = tuple(np.random.default_rng([SEED, number]).permutation(list(MOTIONS[kind]))[:3])
     return Question(number, stratum, causes, withheld, twist, kind, motions, (SEED, number))
 

@@ -61,7 +61,7 @@ def recorded(
     rng: np.random.Generator,
 ) -> Made:
     """The case of three runs as a perfect tracker sees them, `seen` [T, C, 3] m each; change [C] m/s²: of accelerations by the causes."""
-    recordings = [_recording(subject, k, x, rng) for k, x in enumerate(seen)]
+    recordings = [reported(subject, k, x, rng) for k, x in enumerate(seen)]
     truth = {
         "question": {
             "number": q.number,
@@ -94,7 +94,8 @@ def tracked(subject: Subject, recording: int, x: Array, smoothing: float) -> Arr
     return observation.smoothed(x, FPS, smoothing)
 
 
-def _recording(subject: Subject, recording: int, x: Array, rng: np.random.Generator) -> dict[str, Any]:
+def reported(subject: Subject, recording: int, x: Array, rng: np.random.Generator) -> dict[str, Any]:
+    """A recording as the subject's tracker reports it, of positions x [T, C, 3] m as a perfect one sees them; by key of the tracked-geometry format."""
     coarse, tracker, T = subject.garment.coarse, subject.tracker, len(x)
     ε = observation.noise(coarse.rest, T, FPS, tracker.sigma, rng, white=tracker.white)
     ε[:, coarse.pinned] = 0  # pinned nodes are known from what carries them

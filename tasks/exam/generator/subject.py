@@ -91,12 +91,13 @@ class Subject:
         return self.garment.tracked(x) if x.ndim == 2 else np.stack([self.garment.tracked(frame) for frame in x])
 
 
-def drawn_subject(q: Question, rng: np.random.Generator) -> Subject:
-    """A garment of the question's kind with everything else at random.
+def drawn_subject(q: Question, rng: np.random.Generator, *, vertices: int | None = None) -> Subject:
+    """A garment of the question's kind with everything else at random; vertices: about how many its coarse mesh has (default: 250 to 290).
 
     Stretch 60–600 N/m, density 0.09–0.25 kg/m², bending such that cloth bends over 1.3 to 1.7 coarse edges (sometimes less).
     """
-    garment = tailor(cut(q.kind, rng), int(rng.integers(250, 290)), rng.uniform(2.0, 2.3), rng)
+    form, usual = cut(q.kind, rng), int(rng.integers(250, 290))
+    garment = tailor(form, vertices or usual, rng.uniform(2.0, 2.3), rng)
     body, tilt, vigour = body_of(q.kind, rng), rng.uniform(0.5, 0.9), rng.uniform(0.5, 0.9)
     scenes = tuple(scene(q.kind, body, m, rng, vigour=vigour, tilt=tilt) for m in q.motions)
     density = np.exp(rng.uniform(np.log(0.09), np.log(0.25)))
@@ -116,9 +117,9 @@ def drawn_subject(q: Question, rng: np.random.Generator) -> Subject:
     return Subject(garment, body, scenes, subject.density, subject.stretch, subject.bending, tracker, wrong)
 
 
-def states(stepper: Stepper, start: State, steps: int = STEPS) -> Iterator[State]:
+def states(stepper: Stepper, start: State, steps: int = STEPS, *, frames: int = FRAMES) -> Iterator[State]:
     """The state at every frame. Raises Unmakeable when the cloth passes through itself."""
-    for n, state in enumerate(stepper.frames(start, np.arange(FRAMES) / FPS, steps)):
+    for n, state in enumerate(stepper.frames(start, np.arange(frames) / FPS, steps)):
         if n % 8 == 0 and stepper.self_contact.crosses(state.x):
             raise Unmakeable("the cloth passes through itself")
         yield state
