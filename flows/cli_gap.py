@@ -59,7 +59,7 @@ def run(
     held_out: Further recordings, read only when the verdict is fixed; without any, three windows of ten in each recording are kept.
     predict: A recording whose garment is known in its first two frames only.
     out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
-    quick: On at most 800 of the garment's vertices, with fewer refits; a prediction still is of all of them.
+    quick: On at most 300 of the garment's vertices, with fewer refits; a prediction still is of all of them.
     without: Names of effects to leave out of the library.
     report: An HTML page that shows the verdict and what it rests on; everything as JSON goes beside it.
     """

@@ -163,10 +163,14 @@ class Forced:
             found.append(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step)
         return np.array(found)
 
+    def losses(self, θ: Array, names: Sequence[str]) -> Array:
+        """J_w/s_w + log|C_w| [W] at θ [P]."""
+        return self.misfits(θ, names) / self.scale + np.array([n.logdet for n in self.normals])
+
     def loss(self, effects: Sequence[Effect]) -> float:
         """F at its least."""
         θ, names = self.solve(effects)
-        return float(np.sum(self.misfits(θ, names) / self.scale) + sum(n.logdet for n in self.normals) + precision(effects) @ θ**2)
+        return float(np.sum(self.losses(θ, names)) + precision(effects) @ θ**2)
 
     def origin_of(self, names: Sequence[str]) -> Array:
         """What the columns are linear about [P]."""
@@ -270,11 +274,11 @@ class Windows:
         return there
 
     def _by_chance(self, there: "Windows", effects: tuple[Effect, ...]) -> float:
-        """By how much misfits fell beyond what derivatives foretold, of that what says nothing."""
+        """By how much F fell beyond what derivatives foretold, of that what says nothing."""
         each = []
         for windows in (self, there):
             forced = windows._forced(windows._loss(effects)[1])
-            each.append(forced.misfits(*forced.solve(effects)) / forced.scale)
+            each.append(forced.losses(*forced.solve(effects)))
         n = np.array([n.n for n in self.given])
         says = 1 / (1 + (self.overdispersion - 1) * n / LEFT)
         return float((1 - says) @ (each[0] - each[1]))

@@ -13,7 +13,7 @@ from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.effects.retriangulated import retriangulated
-from tasks.gap.coarse_garment import coarse_garment
+from tasks.gap.coarse_garment import VERTICES, coarse_garment
 from tasks.gap.garment_recordings import Garment
 from tasks.geometry.decimation import roundness
 from tasks.geometry.meshes import edges
@@ -47,10 +47,10 @@ def coarse(request):
     return whole, coarse_garment(whole)
 
 
-def test_at_most_800_vertices_carry_the_same_mass(coarse):
+def test_as_many_vertices_as_are_asked_for_carry_the_same_mass(coarse):
     whole, found = coarse
     before, after = whole.model.subject.cloth, found.garment.model.subject.cloth
-    assert len(before.x_rest) == 3025 and len(after.x_rest) == len(found.kept) == 800
+    assert len(before.x_rest) == 3025 and len(after.x_rest) == len(found.kept) == VERTICES
     assert after.rest_areas.sum() == pytest.approx(before.rest_areas.sum(), rel=0.02)
     assert after.vertex_areas.sum() == pytest.approx(before.vertex_areas.sum(), rel=0.02)
     np.testing.assert_array_equal(after.x_rest, before.x_rest[found.kept])
@@ -75,8 +75,9 @@ def test_every_zone_is_still_there_and_named_as_it_was(coarse):
     whole, found = coarse
     before, after = whole.model.subject.zone, found.garment.model.subject.zone
     np.testing.assert_array_equal(after, before[found.kept])
+    lines = np.sqrt(len(before) / len(after))  # of an n-th of the vertices, a line keeps the root of that
     for zone in np.unique(before):
-        assert 0.1 < (after == zone).mean() / (before == zone).mean() < 4
+        assert 0.1 < (after == zone).mean() / (before == zone).mean() < 2.1 * lines
 
 
 def pieces(cloth, on):
@@ -105,7 +106,7 @@ def test_driven_nodes_and_observations_carry_over_as_they_are(coarse):
 
 def test_the_answer_speaks_of_every_vertex(coarse):
     _, found = coarse
-    mm = [None, *np.arange(1.0, 800)]
+    mm = [None, *np.arange(1.0, VERTICES)]
     found_there = {name: {"value": 2.0, "low": 1.0, "high": 4.0} for name in ("kappa_s_over_rho", "kappa_b_over_rho")}
     told = found.told({"where": {"vertex_mm": mm, "vertex_accel": mm, "frame_mm": [1.0]}, "parameters": found_there, "seconds": 3})
     assert len(told["where"]["vertex_mm"]) == len(told["where"]["vertex_accel"]) == 3025
@@ -131,13 +132,13 @@ def test_what_was_found_is_put_on_the_whole_garment(coarse):
 
 
 def test_a_small_garment_is_left_as_it_is():
-    whole = garment(20)
+    whole = garment(16)
     found = coarse_garment(whole)
     assert found.garment is whole
     np.testing.assert_array_equal(found.recording(whole.recordings[0]).observed, whole.recordings[0].observed)
     assert (
-        found.told({"where": {"vertex_mm": [1.0] * 400, "vertex_accel": [2.0] * 400}, "parameters": {}})["where"]["vertex_accel"]
-        == [2.0] * 400
+        found.told({"where": {"vertex_mm": [1.0] * 256, "vertex_accel": [2.0] * 256}, "parameters": {}})["where"]["vertex_accel"]
+        == [2.0] * 256
     )
 
 

@@ -92,7 +92,8 @@ class Subject:
 
 
 def drawn_subject(q: Question, rng: np.random.Generator, *, vertices: int | None = None) -> Subject:
-    """A garment of the question's kind with everything else at random; vertices: about how many its coarse mesh has (default: 250 to 290).
+    """A garment of the question's kind with everything else at random; vertices: about how many its coarse mesh has (default: 250 to 290), of the same
+    fabric whatever it is.
 
     Stretch 60–600 N/m, density 0.09–0.25 kg/m², bending such that cloth bends over 1.3 to 1.7 coarse edges (sometimes less).
     """
@@ -103,7 +104,7 @@ def drawn_subject(q: Question, rng: np.random.Generator, *, vertices: int | None
     density = np.exp(rng.uniform(np.log(0.09), np.log(0.25)))
     if q.twist == "density":
         density *= rng.choice([0.5, 2.0])
-    edge = np.sqrt(4 / np.sqrt(3) * face_areas(garment.coarse.rest, garment.coarse.faces).mean())
+    edge = np.sqrt(4 / np.sqrt(3) * face_areas(garment.coarse.rest, garment.coarse.faces).mean() * (vertices or usual) / usual)
     length = edge * (rng.uniform(1.3, 1.7) if rng.uniform() < 0.85 else rng.uniform(0.9, 1.3))
     bending = min(density * 9.81 * length**3, STIFFEST * REFERENCE_BENDING)
     stretch = np.exp(rng.uniform(np.log(60), np.log(600)))
