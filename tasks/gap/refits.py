@@ -167,13 +167,18 @@ def contenders(
     evidence is asked for. whole: name -> the same of a hypothesis as far as derivatives foretell it, which adds to its evidence.
     """
     promise = {h.name: h.evidence + max(whole.get(h.name, 0.0), 0.0) / TEMPER for h in singles}
-    strongest, least = max(promise.values()), WORTH - min(missing, 0.0) / TEMPER
+    strongest, least = max(promise.values()), least_worth(missing)
     near = [h for h in singles if promise[h.name] > max(least, strongest - max(CONTENDER, SHARE * strongest))]
     chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
     for h in sorted(near, key=lambda h: -promise[h.name]):
         if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):
             chosen.append(h)
     return chosen
+
+
+def least_worth(missing: float) -> float:
+    """Evidence from which a hypothesis is worth a refit; missing: log Bayes factor that anything is, by replays."""
+    return WORTH - min(missing, 0.0) / TEMPER
 
 
 def corrected_model(named: Refitted) -> Model:

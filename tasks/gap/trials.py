@@ -27,6 +27,7 @@ from tasks.gap.refits import (
     by_length,
     contenders,
     foretold_beside,
+    least_worth,
     moved_on,
     refitted,
     replayed,
@@ -87,7 +88,7 @@ class Trials:
     @property
     def leader(self) -> Fitted:
         """The strongest of them."""
-        return max(self.singles, key=with_replays(self.replayed.something_missing, self.vetoed))
+        return max(self.singles, key=self._whole)
 
     def veto(self, effects: Sequence[Effect]) -> None:
         """These did not help on motion kept out, nor would their twins."""
@@ -118,20 +119,26 @@ class Trials:
             self._with_second()
 
     def _until_it_stands_still(self, *, quick: bool) -> None:
-        """Simulate whichever leads again, as long as it moves; once afresh, if it leaves much."""
+        """Simulate whichever leads, as long as it moves or was not simulated; once afresh, if it leaves much."""
         for _ in range(1 if quick else AGAIN):
             leader = self.leader
             now = self.after.get(leader.name)
-            if now is None or now.windows is None:
+            if now is None and leader.evidence < least_worth(self.replayed.something_missing):
                 return
             if not quick and leader.name not in self._asked_afresh and self.doubt() > DOUBTFUL:
                 other = self._afresh(leader)
-                if other.hypothesis.evidence > now.hypothesis.evidence:
+                if now is None or self._whole(other.hypothesis) > self._whole(now.hypothesis):
                     self.after[leader.name] = other
-            elif moved_on(now):
+            elif now is None:
+                self.after[leader.name] = self.simulate(leader)
+            elif now.windows is not None and moved_on(now):
                 self.after[leader.name] = self.simulate(leader, now.model)
             else:
-                break
+                return
+
+    def _whole(self, h: Fitted) -> float:
+        """Evidence with what replays say in it."""
+        return with_replays(self.replayed.something_missing, self.vetoed)(h)
 
     def _probe(self) -> None:
         """Simulate what fair strengths propose, derivatives having proposed nothing that leaves little."""

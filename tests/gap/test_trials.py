@@ -105,6 +105,18 @@ def test_where_all_that_leaves_much_what_probes_propose_is_simulated(monkeypatch
     assert [origin for name, origin in t.asked if name == FRICTION].count("first") == 1
 
 
+@pytest.mark.parametrize(("weighs", "doubt", "origins"), [(2.0, 0.1, ["base"]), (2.0, 0.9, ["first"]), (0.5, 0.1, [])])
+def test_what_leads_once_another_has_fallen_is_simulated_if_it_is_worth_that(monkeypatch, weighs, doubt, origins):
+    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, -4.0 if name == FRICTION else 9.0))
+    rival = next(h for h in t.screened.hypotheses if h.name == "gravity_tilt")
+    weighed = replace(rival, weights=(replace(rival.weights[0], likelihood=weighs, prior=0.0),))
+    others = [h for h in t.screened.hypotheses if h.evidence < 0.5 and h is not rival]
+    t.screened.hypotheses = (next(h for h in t.screened.hypotheses if h.name == FRICTION), weighed, *others)
+    t.settle(quick=False)
+    assert [origin for name, origin in t.asked if name == "gravity_tilt"][: len(origins) or None] == origins
+    assert (t.leader.evidence == 9.0) is bool(origins)
+
+
 def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch):
     strength = {FRICTION: 0.3}
 
