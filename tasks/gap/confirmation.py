@@ -148,7 +148,7 @@ class _Test:
             return None
         E = np.array(rows)
         gap = fallen(E[:, :3], float(np.sqrt(E[:, 3].sum() / E[:, 2].sum())), held_out=True, replayed=True)
-        return gap if parted(found, base) > mean(base).floor else unchanged(gap)
+        return gap if parted(found, base) > mean(base).chance else unchanged(gap)
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:

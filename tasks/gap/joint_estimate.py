@@ -54,4 +54,4 @@ def foretold(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str,
     δ = np.concatenate([h.base, [θ - origin.get(c, 0.0) for c, θ in h.strengths.items()]])
     G = told.G[np.ix_(i, i)]
     E = told.c - 2 * told.g[i] @ δ + δ @ G @ δ
-    return h, supported(off, Replayed(max(E, LEAST * off.floor), off.floor, float(δ @ G @ δ)))
+    return h, supported(off, replace(off, gap=max(E, LEAST * off.floor), apart=float(δ @ G @ δ)))

@@ -23,7 +23,7 @@ E_0 + d² and it by E_0; were nothing missing, the other way round:
 
     log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
 
-with d² less E_0, by which replays that start alike part anyway; at most what is left of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two
+with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that; at most what is left of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two
 causes that both come far nearer than the base, the one that leaves least.
 
 Source: posterior predictive checks (Gelman, Meng & Stern 1996). Limits: says nothing where a replay cannot be finished.
@@ -56,11 +56,13 @@ STARTING = 12  # modes in which the start of a replay may be wrong
 
 @dataclass(frozen=True)
 class Replayed:
-    """E and E_0 [m²], means over recordings; NaN where no replay could be compared. apart: d² from the base's replay [m²]."""
+    """E and E_0 [m²], means over recordings; NaN where no replay could be compared. apart: d² from the base's replay [m²]; chance: of E_0 what replays that
+    start alike part by [m²]."""
 
     gap: float
     floor: float
     apart: float = 0.0
+    chance: float = 0.0
 
     @property
     def ratio2(self) -> float:
@@ -100,7 +102,7 @@ class Replay:
 
 def supported(base: Replayed, named: Replayed) -> float:
     """Log Bayes factor of a hypothesis against the base by their replays; 0 where they cannot be compared."""
-    m = np.log1p(max(named.apart - named.floor, 0.0) / named.floor)
+    m = np.log1p(max(named.apart - named.chance, 0.0) / named.floor)
     factor = m * np.log(base.gap / named.gap) / SPREAD**2
     if not np.isfinite(factor):
         return 0.0
@@ -159,8 +161,8 @@ def mean(each: Sequence[Replay | None]) -> Replayed:
     """Over recordings that could be compared."""
     known = [r.replayed for r in each if r is not None]
     if not known:
-        return Replayed(np.nan, np.nan, np.nan)
-    return Replayed(*(float(np.mean([getattr(r, key) for r in known])) for key in ("gap", "floor", "apart")))
+        return Replayed(np.nan, np.nan, np.nan, np.nan)
+    return Replayed(*(float(np.mean([getattr(r, key) for r in known])) for key in ("gap", "floor", "apart", "chance")))
 
 
 def mean_normals(each: Sequence[Replay | None]) -> Normals | None:
@@ -193,8 +195,8 @@ def _beside_base(job: tuple[Job, Replay]) -> Replay | None:
     if not found.complete:
         return None
     r, floor = _residual_of(todo, found.x), base.floor
-    apart = weighted((found.x - base.x)[1:], floor)
-    return Replay(Replayed(weighted(r, floor), base.replayed.floor, apart), todo.window, found.x, floor, _normals(found, r, floor))
+    here = replace(base.replayed, gap=weighted(r, floor), apart=weighted((found.x - base.x)[1:], floor))
+    return Replay(here, todo.window, found.x, floor, _normals(found, r, floor))
 
 
 def _followed(job: tuple[Job, bool, int | None]) -> Prediction | None:
@@ -225,10 +227,11 @@ def _beside_others(job: Job, own: Prediction | None, others: Sequence[Prediction
         return None
     r, noise = _residual_of(job, own.x), job.recording.noise[job.window.frames][1:]
     seen, free = np.isfinite(r).all(-1), ~np.isin(np.arange(r.shape[1]), job.model.subject.cloth.boundary)
-    parting = [np.mean(np.sum((y - own.x)[1:, free] ** 2, -1), 1) for y in finished]
-    floor = 3 * np.mean(noise[seen] ** 2) + np.max(parting, 0)
-    E_0 = float(seen.sum() / np.sum(seen / floor[:, None]))
-    return Replay(Replayed(weighted(r, floor), E_0), job.window, own.x, floor, _normals(own, r, floor))
+    parting = np.max([np.mean(np.sum((y - own.x)[1:, free] ** 2, -1), 1) for y in finished], 0)
+    floor = 3 * np.mean(noise[seen] ** 2) + parting
+    w = seen.sum(1) / floor / np.sum(seen / floor[:, None])
+    here = Replayed(weighted(r, floor), float(w @ floor), chance=float(w @ parting))
+    return Replay(here, job.window, own.x, floor, _normals(own, r, floor))
 
 
 def _first(job: Job) -> Window:

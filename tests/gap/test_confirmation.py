@@ -135,7 +135,7 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     still, nudged, moved = (np.full((9, V, 3), d) for d in (0.0, 1e-3, 3e-3))  # 5.2, 3.5 and 0 mm off
 
     def of(x):
-        return (Replay(Replayed(1.0, 4e-6), Window(1, 2, 8), x, np.full(8, 4e-6), None),)
+        return (Replay(Replayed(1.0, 4e-6, chance=4e-6), Window(1, 2, 8), x, np.full(8, 4e-6), None),)
 
     recordings = tuple(SimpleNamespace(observed=np.full((12, V, 3), offset)) for offset in (1.0, 3e-3))
     kept = SimpleNamespace(windows=[Window(0, 4, 3), Window(1, 4, 3), Window(1, 8, 3)], recordings=recordings)

@@ -139,7 +139,15 @@ def test_a_hypothesis_is_supported_by_coming_nearer_as_far_as_it_moves_the_cloth
     base = Replayed(9e-6, 2e-6)
     nearer, as_far, further = (supported(base, Replayed(gap, 2e-6, 9e-6)) for gap in (2e-6, 9e-6, 18e-6))
     assert nearer > 4 and as_far == 0.0 and further < -2
-    assert supported(base, Replayed(2e-6, 2e-6, 1e-6)) == 0.0  # chance alone sets replays as far apart
+    assert supported(base, Replayed(2e-6, 2e-6, 1e-6, chance=1.5e-6)) == 0.0  # chance alone sets replays as far apart
+    assert supported(base, Replayed(2e-6, 2e-6, 1e-6, chance=0.5e-6)) > 0.0  # the rest of the floor is noise, which sets no replays apart
+
+
+def test_noise_is_of_the_floor_and_not_of_chance(blown):
+    model, windy, data = blown
+    base = base_replays(model, (), data)
+    for whole in (mean(base), mean(replayed_by(windy, base, data))):
+        assert 0 < whole.chance == pytest.approx(whole.floor - 3 * NOISE**2)
 
 
 def test_of_two_that_come_far_nearer_the_one_that_leaves_less_is_supported_more():
