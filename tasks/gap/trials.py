@@ -100,7 +100,7 @@ class Trials:
         return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
 
     def settle(self, *, quick: bool) -> None:
-        """Simulate the contenders, then whichever leads until it stands still, what probes propose where that leaves much, and a second cause beside the leader.
+        """Simulate the contenders, then whichever leads until it stands still, a second cause beside it, and what probes propose where all that leaves much.
 
         quick: one contender, once more at most; afresh only where lengths ask for a scale.
         """
@@ -114,9 +114,12 @@ class Trials:
             self.after[h.name] = self._afresh(h) if h in scaled else self.simulate(whole[h.name][0] if together else h)
         self._until_it_stands_still(quick=quick)
         if not quick:
-            if self.doubt() > DOUBTFUL:
-                self._probe()
+            leader = self.leader.name
             self._with_second()
+            if self.doubt(self.pairs()) > DOUBTFUL:
+                self._probe()
+                if self.leader.name != leader:
+                    self._with_second()
 
     def _until_it_stands_still(self, *, quick: bool) -> None:
         """Simulate whichever leads, as long as it moves or was not simulated; once afresh, if it leaves much."""

@@ -26,7 +26,8 @@ class Rehearsed(Trials):
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
         self.promised, self.proposed, self.probed, self.scaled, self._asked_afresh = {}, [], [], [], set()
-        self.asked, self.finds, self.left, self.windows, self.seconds = [], finds, doubt, (), ()
+        self.asked, self.finds, self.windows, self.seconds = [], finds, (), ()
+        self.left, self.left_with_second = doubt, doubt
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
         monkeypatch.setattr(trials, "by_length", lambda *_: self.scaled)
         monkeypatch.setattr(trials, "afresh", lambda screened, first, train, hypothesis, run: (hypothesis, first))
@@ -56,7 +57,7 @@ class Rehearsed(Trials):
         }
 
     def doubt(self, pairs=()):
-        return self.left
+        return self.left_with_second if any(pair.name in self.after for pair in pairs) else self.left
 
     def pairs(self):
         return self.seconds
@@ -161,6 +162,23 @@ def test_what_whole_recordings_promise_is_simulated_at_the_strength_that_they_as
     assert (told[0] == 7.0) == bool(promised)
 
 
+def beside_friction(t, evidence):
+    """The pair that a tilt makes with friction."""
+    first, other = (next(h for h in t.screened.hypotheses if h.name == name) for name in (FRICTION, "gravity_tilt"))
+    weights = (first.weights[0], replace(other.weights[0], likelihood=evidence, prior=0.0))
+    return replace(first, effects=(*first.effects, *other.effects), strengths={**first.strengths, **other.strengths}, weights=weights)
+
+
+@pytest.mark.parametrize("left", [0.1, 0.9])
+def test_probes_are_asked_where_a_second_effect_leaves_much_too(monkeypatch, left):
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, _: (0.3, 20.0 if name == FRICTION else 1.0))
+    monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (pair, 0.0))
+    t.seconds, t.left_with_second = (beside_friction(t, 5.0),), left
+    t.settle(quick=False)
+    assert t.asked[-1][0] == t.seconds[0].name and [name for name, _ in t.asked].count(t.seconds[0].name) == 1
+    assert bool(t.probed) == (left > 0.5)
+
+
 @pytest.mark.parametrize(
     ("evidence", "promised", "quick", "simulated"),
     [(5.0, 0.0, False, True), (1.0, 0.0, False, False), (1.0, 4.0, False, True), (1.0, 4.0, True, False)],
@@ -168,9 +186,7 @@ def test_what_whole_recordings_promise_is_simulated_at_the_strength_that_they_as
 def test_a_second_effect_is_simulated_where_windows_and_replays_together_promise_one(monkeypatch, evidence, promised, quick, simulated):
     """At the strengths that replays ask for where they say something."""
     t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0))
-    first, other = (next(h for h in t.screened.hypotheses if h.name == name) for name in (FRICTION, "gravity_tilt"))
-    weights = (first.weights[0], replace(other.weights[0], likelihood=evidence, prior=0.0))
-    both = replace(first, effects=(*first.effects, *other.effects), strengths={**first.strengths, **other.strengths}, weights=weights)
+    both = beside_friction(t, evidence)
     t.seconds = (both,)
     asked = replace(both, strengths=dict.fromkeys(both.strengths, 7.0))
     monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (asked, promised))
