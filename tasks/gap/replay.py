@@ -23,8 +23,8 @@ E_0 + d² and it by E_0; were nothing missing, the other way round:
 
     log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
 
-with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that; at most what is left of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two
-causes that both come far nearer than the base, the one that leaves least.
+with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that. At most what is left of `MOST_NAMED`
+once ½ (log ratio²/LEAVES)² of E_h is taken off: of two causes that both come far nearer than the base, the one that leaves least.
 
 Source: posterior predictive checks (Gelman, Meng & Stern 1996). Limits: says nothing where a replay cannot be finished.
 """
