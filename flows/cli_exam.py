@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from string import ascii_uppercase
 from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
@@ -188,17 +189,24 @@ def rival(
 
 def _show(result: dict[str, Any]) -> None:
     from tasks.exam.scorer.beside import columns
-    from tasks.exam.scorer.page import number
 
     _show_figures(result)
     for apart in result["apart"].values():
         _show_figures(apart)
     if result["rivals"]:
-        beside = columns(result)
-        table = Table("metric", *beside, box=None, header_style="bold")
-        for f in result["figures"]:
-            table.add_row(f["metric"], *(number(values.get(f["metric"])) for values in beside.values()))
-        OUT.print(table)
+        _show_beside(columns(result), [f["metric"] for f in result["figures"]])
+
+
+def _show_beside(beside: dict[str, dict[str, float | None]], metrics: list[str]) -> None:
+    """One column for each who answered, under a letter: their names would leave no room for figures in eighty columns."""
+    from tasks.exam.scorer.page import number
+
+    letters = dict(zip(ascii_uppercase, beside, strict=False))
+    table = Table("metric", *letters, box=None, header_style="bold")
+    for metric in metrics:
+        table.add_row(metric, *(number(beside[name].get(metric)) for name in letters.values()))
+    OUT.print(*(f"{letter}  {name}" for letter, name in letters.items()), sep="\n", highlight=False)
+    OUT.print(table)
 
 
 def _show_figures(result: dict[str, Any]) -> None:

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from flows import cli_exam
 from tasks.exam.scorer.beside import columns
 from tasks.exam.scorer.case import area_under_curve, closing, credit, most_changed, score
 from tasks.exam.scorer.demo import demo_scores
@@ -175,6 +177,16 @@ def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
     assert [values[metric] for values in beside.values()] == [0.5, 0.5, 1.0, 0.0]
     text = page(result)
     assert "slow (1)" in text and text.count("class='m'") == 3
+
+
+def test_eight_who_answered_can_be_read_in_eighty_columns(monkeypatch, capsys):
+    names = [f"somebody_with_a_name_{k} (160)" for k in range(8)]
+    metric = "top-1, single effects from 2x the floor"
+    monkeypatch.setattr(cli_exam, "OUT", Console(width=80))
+    cli_exam._show_beside({name: {metric: 0.125} for name in names}, [metric])
+    told = capsys.readouterr().out
+    assert [f"{letter}  {name}" in told for letter, name in zip("ABCDEFGH", names, strict=True)] == [True] * 8
+    assert told.count("0.125") == 8 and len(told.splitlines()) <= 8 + 4
 
 
 def test_summary_of_nothing_is_empty_and_does_not_fail():
