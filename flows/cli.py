@@ -58,6 +58,9 @@ def main(arguments: list[str] | None = None) -> None:
         code = result if isinstance(result, int) else OK
     except CycloptsError:
         code = 2
+    except BrokenPipeError:  # whoever read stdout has enough, as `| head` has; what is still to be flushed goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        code = OK
     except BaseException as error:  # noqa: BLE001  every ending gets its exit code
         code, message = ending_of(error)
         if message:

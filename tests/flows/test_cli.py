@@ -1,6 +1,9 @@
 """The command line's endings: what a user meets when something is wrong, and that nothing is touched then."""
 
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -19,6 +22,17 @@ def run(*arguments: str) -> int:
     with pytest.raises(SystemExit) as ended:
         cli.main(list(arguments))
     return ended.value.code
+
+
+def test_a_reader_who_has_enough_is_no_error():
+    """stdout is a pipe that nobody reads, as after `| head`."""
+    unread, stdout = os.pipe()
+    os.close(unread)
+    ended = subprocess.run(
+        [sys.executable, "-m", "flows", "effects", "--json"], stdout=stdout, stderr=subprocess.PIPE, text=True, check=False
+    )
+    os.close(stdout)
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
