@@ -3,7 +3,6 @@
 import json
 import sys
 from pathlib import Path
-from string import ascii_uppercase
 from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
@@ -198,14 +197,15 @@ def _show(result: dict[str, Any]) -> None:
 
 
 def _show_beside(beside: dict[str, dict[str, float | None]], metrics: list[str]) -> None:
-    """One column for each who answered, under a letter: their names would leave no room for figures in eighty columns."""
+    """One column for each who answered."""
+    from tasks.exam.scorer.beside import letters
     from tasks.exam.scorer.page import number
 
-    letters = dict(zip(ascii_uppercase, beside, strict=False))
-    table = Table("metric", *letters, box=None, header_style="bold")
+    named = letters(beside)
+    table = Table("metric", *named, box=None, header_style="bold")
     for metric in metrics:
-        table.add_row(metric, *(number(beside[name].get(metric)) for name in letters.values()))
-    OUT.print(*(f"{letter}  {name}" for letter, name in letters.items()), sep="\n", highlight=False)
+        table.add_row(metric, *(number(values.get(metric)) for values in beside.values()))
+    OUT.print(*(f"{letter}  {name}" for letter, name in named.items()), sep="\n", highlight=False)
     OUT.print(table)
 
 

@@ -4,13 +4,13 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
-from tasks.exam.scorer.beside import columns
+from tasks.exam.scorer.beside import columns, letters
 from tasks.exam.scorer.engine import heading
 from tasks.exam.scorer.summary import confusion
 
 STYLE = (
     "body{font:15px/1.45 system-ui;margin:2rem;max-width:75rem}table{border-collapse:collapse;margin:1rem 0}"
-    "td,th{padding:.15rem .6rem;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right}"
+    "td,th{padding:.15rem .6rem;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right}td:first-child{white-space:nowrap}"
     ".m td{text-align:center;font-size:12px}.m th{font-size:12px;font-weight:400}.m thead th{writing-mode:vertical-rl;transform:rotate(180deg)}"
 )
 
@@ -42,12 +42,14 @@ def _rivals(result: Mapping[str, Any]) -> str:
         return ""
     beside = columns(result)
     metrics = [f["metric"] for f in result["figures"]]
-    table = _table(("metric", *beside), ((m, *(number(values.get(m)) for values in beside.values())) for m in metrics))
+    named = letters(beside)
+    legend = "".join(f"<li>{letter} {escape(name)}</li>" for letter, name in named.items())
+    table = _table(("metric", *named), ((m, *(number(values.get(m)) for values in beside.values())) for m in metrics))
     matrices = "".join(
         f"<details><summary>{escape(name)}: what it named for what</summary>{_matrix(rival['rows'])}</details>"
         for name, rival in result["rivals"].items()
     )
-    return f"<h2>Rivals on the same cases</h2><p>In brackets: how many cases each answered.</p>{table}{matrices}"
+    return f"<h2>Rivals on the same cases</h2><p>In brackets: how many cases each answered.</p><ul>{legend}</ul>{table}{matrices}"
 
 
 def _matrix(rows: list[Mapping[str, Any]]) -> str:
