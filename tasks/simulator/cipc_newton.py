@@ -15,7 +15,6 @@ the doubling of the barrier's stiffness for pairs closer than 1e-9 m. Limits: li
 from collections import deque
 from dataclasses import replace
 
-import ipctk
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -80,10 +79,8 @@ def _direction(problem: Problem, x: Array, here: Step, target: Array, end: Array
 def _free_share(surface: ContactSurface, x: Array, p: Array, collider: Array, Δc: Array) -> float:
     """Share of the step that leaves a tenth of every gap; asked only of pairs whose swept boxes touch, as C-IPC does."""
     X, Y = surface.join(x, collider), surface.join(x + p, collider + Δc)
-    met = ipctk.Candidates()
-    met.build(surface.mesh, X, Y, 0.0)
     surface.prepare(X, Y)
-    return surface.free_step(X, Y, met)
+    return surface.free_share_of(X, Y, surface.coming_near(X, Y, 0.0))
 
 
 def _halved(problem: Problem, x: Array, p: Array, here: Step, share: float, energy: float) -> tuple[float, float]:

@@ -4,7 +4,10 @@ Collider vertices come after the cloth's. Pairs whose vertices are all prescribe
 answer them. Candidates found for a segment x → y hold for every point of it and for all within a little slack around, so that the broad phase,
 which sees the whole collider, is asked about once per step, not once per Newton iteration.
 
-Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021, both as implemented in ipctk.
+Pairs and their potentials are ipctk's; what asks about every candidate, the broad phase and continuous collision detection, is compiled here (`near_pairs.py`,
+`additive_ccd.py`), for there a step spent a third of its time.
+
+Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021.
 """
 
 import ipctk
@@ -12,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.meshes import edges
+from tasks.simulator.additive_ccd import free_share, nearer_than
 from tasks.simulator.cloth import Cloth, Collider
+from tasks.simulator.near_pairs import BoxTree, near_pairs
 
 Array = NDArray[np.float64]
+Pairs = tuple[NDArray[np.int32], NDArray[np.int32]]  # of edges [N, 2], of a face and a vertex [M, 2]
 KEPT = 0.1  # share of the gap that a step leaves
 LEAST = 1e-9  # [m] that gaps keep: where they are as small as rounding, what has crossed cannot be told
-SLACK = 2.0  # barrier distances around a segment for which its candidates hold as well
+LEAP = 16.0  # barrier distances of a long segment that are looked at first
+SLACK = 4.0  # barrier distances around a segment for which its candidates hold as well
 
 
 class ContactSurface:
@@ -38,9 +45,10 @@ class ContactSurface:
         ipctk.set_logger_level(ipctk.LoggerLevel.error)
         self.cloth_size = len(cloth.x_rest)
         self.barrier_distance, self.offset, self.area_weighting = barrier_distance, offset, area_weighting
-        faces = np.concatenate([cloth.faces, collider.faces + self.cloth_size]).astype(np.int32)
+        self.faces = np.concatenate([cloth.faces, collider.faces + self.cloth_size]).astype(np.int32)
+        self.edges = np.ascontiguousarray(edges(self.faces), np.int32)
         rest = np.concatenate([cloth.x_rest, collider_rest.reshape(-1, 3)])
-        self.mesh = ipctk.CollisionMesh(np.asfortranarray(rest), np.asfortranarray(edges(faces)), np.asfortranarray(faces))
+        self.mesh = ipctk.CollisionMesh(np.asfortranarray(rest), np.asfortranarray(self.edges), np.asfortranarray(self.faces))
         prescribed = np.full(len(rest), True)
         prescribed[: self.cloth_size] = False
         prescribed[cloth.boundary] = True
@@ -48,8 +56,9 @@ class ContactSurface:
         patch[prescribed] = 0
         self.mesh.can_collide = ipctk.make_vertex_patches_filter(patch)
         self.contact_areas = np.array([self.mesh.vertex_area(i) for i in range(len(rest))])
-        self._ccd = ipctk.AdditiveCCD(conservative_rescaling=1 - KEPT)
-        self._candidates: ipctk.Candidates | None = None
+        vertices = np.arange(len(rest), dtype=np.int32)[:, None]
+        self._trees = [BoxTree.of(elements, rest, prescribed) for elements in (self.edges, self.faces, vertices)]
+        self._candidates: Pairs | None = None
         self._region = (np.empty((0, 3)), np.empty((0, 3)))
         self._near: tuple[Array, ipctk.NormalCollisions] | None = None
 
@@ -62,9 +71,13 @@ class ContactSurface:
         if self._known(X) and self._known(Y):
             return
         slack = SLACK * self.barrier_distance
-        self._candidates = ipctk.Candidates()
-        self._candidates.build(self.mesh, X, Y, (self.offset + self.barrier_distance) / 2 * 1.01 + slack)
+        self._candidates = self.coming_near(X, Y, (self.offset + self.barrier_distance) / 2 * 1.01 + slack)
         self._region = (np.minimum(X, Y) - slack, np.maximum(X, Y) + slack)
+
+    def coming_near(self, X: Array, Y: Array, inflation: float) -> Pairs:
+        """Pairs whose swept boxes between X and Y [V + C, 3], grown by inflation [m] on every side, meet."""
+        low, high = np.minimum(X, Y) - inflation, np.maximum(X, Y) + inflation
+        return near_pairs(*self._trees, np.ascontiguousarray(low), np.ascontiguousarray(high))
 
     def _known(self, X: Array) -> bool:
         """Whether the candidates hold at X: every vertex within its box."""
@@ -76,25 +89,38 @@ class ContactSurface:
         self._candidates = None
         self._near = None
 
-    def free_step(self, X: Array, Y: Array, candidates: ipctk.Candidates | None = None) -> float:
-        """Largest share of the segment X → Y that stays free of contact (`prepare` was called for it); 1 when all of it does.
+    def free_step(self, X: Array, Y: Array) -> float:
+        """Largest share of the segment X → Y that stays free of contact; 1 when all of it does. A long segment is looked at in stretches, each four times the last,
+        for most that are long are blocked early."""
+        longest = float(np.abs(Y - X).max(initial=0.0))
+        looked_at = min(1.0, LEAP * self.barrier_distance / longest) if longest else 1.0
+        while True:
+            Z = X + looked_at * (Y - X) if looked_at < 1 else Y
+            self.prepare(X, Z)
+            assert self._candidates is not None
+            share = self.free_share_of(X, Z, self._candidates)
+            if share < 1 or looked_at == 1:
+                return share * looked_at
+            looked_at = min(1.0, 4 * looked_at)
 
-        Other candidates than the prepared ones may be given.
-        """
-        candidates = candidates or self._candidates
-        assert candidates is not None
-        return candidates.compute_collision_free_stepsize(self.mesh, X, Y, self.offset + LEAST, self._ccd)
+    def free_share_of(self, X: Array, Y: Array, candidates: Pairs) -> float:
+        """The same in one go, asked of these candidates alone."""
+        X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
+        return free_share(X, Y, self.edges, self.faces, *candidates, keep=self.offset + LEAST, kept_share=KEPT)
 
     def pairs(self, X: Array) -> ipctk.NormalCollisions:
         """Pairs closer than offset + d̂ at X."""
         if self._near is None or not np.array_equal(self._near[0], X):
+            reach = self.offset + self.barrier_distance
+            candidates = self._candidates if self._known(X) else self.coming_near(X, X, reach / 2 * 1.01)
+            edge_edge, face_vertex = nearer_than(np.ascontiguousarray(X), self.edges, self.faces, *candidates, reach=1.01 * reach)
+            few = ipctk.Candidates()
+            few.ee_candidates = [ipctk.EdgeEdgeCandidate(i, j) for i, j in edge_edge.tolist()]
+            few.fv_candidates = [ipctk.FaceVertexCandidate(f, v) for f, v in face_vertex.tolist()]
             near = ipctk.NormalCollisions()
             near.collision_set_type = ipctk.NormalCollisions.IPC
             near.use_area_weighting = self.area_weighting
-            if self._known(X):
-                near.build(self._candidates, self.mesh, X, self.barrier_distance, self.offset)
-            else:
-                near.build(self.mesh, X, self.barrier_distance, self.offset)
+            near.build(few, self.mesh, X, self.barrier_distance, self.offset)
             self._near = (X, near)
         return self._near[1]
 

@@ -113,7 +113,6 @@ def _advance(problem: Problem, x: Array, step: Step, target: Array, directions: 
             return Solution(x, _blocked(surface.tightest(surface.join(x, here.collider)), left), iterations, np.inf)
         p = _answer(problem, x, here, Δb, Δc, directions)
         X, Y = surface.join(x, here.collider), surface.join(x + p, end)
-        surface.prepare(X, Y)
         share = surface.free_step(X, Y)
         iterations += 1
         if share >= DONE:
@@ -175,7 +174,6 @@ def _newton_step(
     p = directions.newton(x, step, g)
     surface = problem.surface
     X, Y = surface.join(x, step.collider), surface.join(x + p, step.collider)
-    surface.prepare(X, Y)
     share = surface.free_step(X, Y)
     slope = float(np.sum(g * p))
     energy = problem.energy(x, step) if energy is None else energy

@@ -29,8 +29,8 @@ def pairs_from_scratch(surface, X):
 
 def asked(surface, monkeypatch):
     """Segments that the broad phase is asked about."""
-    found, build = [], ipctk.Candidates.build
-    monkeypatch.setattr(ipctk.Candidates, "build", lambda self, *of: (found.append(of), build(self, *of))[1])
+    found, build = [], surface.coming_near
+    monkeypatch.setattr(surface, "coming_near", lambda *of: (found.append(of), build(*of))[1])
     return found
 
 
@@ -52,9 +52,9 @@ def test_within_the_slack_the_broad_phase_is_asked_once(scene, monkeypatch):
 def test_candidates_reach_as_far_as_the_slack(scene, monkeypatch):
     surface, x, ball = scene
     segments = asked(surface, monkeypatch)
-    X = surface.join(x - [0.0, 0.5e-3, 0.0], ball)
+    X = surface.join(x - [0.0, -1.4e-3, 0.0], ball)
     surface.prepare(X, X)
-    Y = surface.join(x - [0.0, 0.5e-3 + 0.95 * SLACK * REACH, 0.0], ball)
+    Y = surface.join(x - [0.0, 0.95 * SLACK * REACH - 1.4e-3, 0.0], ball)
     assert len(surface.pairs(Y)) == pairs_from_scratch(surface, Y) > 0
     surface.prepare(X, Y)
     assert len(segments) == 1
@@ -62,6 +62,7 @@ def test_candidates_reach_as_far_as_the_slack(scene, monkeypatch):
 
 def test_beyond_the_slack_nothing_is_missed(scene, monkeypatch):
     surface, x, ball = scene
+    x = x - [0.0, -2e-3, 0.0]
     X = surface.join(x, ball)
     segments = asked(surface, monkeypatch)
     surface.prepare(X, X)
@@ -69,8 +70,8 @@ def test_beyond_the_slack_nothing_is_missed(scene, monkeypatch):
     Y = surface.join(lowered - np.array([0.0, 0.4e-3, 0.0]), ball)
     assert len(surface.pairs(Y)) == pairs_from_scratch(surface, Y) > 0
     surface.prepare(X, Y)
-    assert len(segments) == 2
-    assert surface.free_step(X, surface.join(x - [0.0, 4e-3, 0.0], ball)) < 1
+    assert len(segments) == 3  # of the segment, of Y alone, of the way there
+    assert surface.free_step(X, surface.join(x - [0.0, 8e-3, 0.0], ball)) < 1
 
 
 def test_gaps_never_shrink_to_rounding(scene):
@@ -78,7 +79,21 @@ def test_gaps_never_shrink_to_rounding(scene):
     surface, x, ball = scene
     for _ in range(10):
         X, Y = surface.join(x, ball), surface.join(x - [0.0, 1e-2, 0.0], ball)
-        surface.prepare(X, Y)
         x = x - [0.0, 1e-2 * surface.free_step(X, Y), 0.0]
     gap = surface.least_distance(surface.join(x, ball))
     assert 0.99 * LEAST < gap < 1.1 * LEAST
+
+
+def test_a_long_segment_is_looked_at_no_further_than_it_is_free(scene, monkeypatch):
+    """Blocked early, only its first stretch is asked about; free, all of it; and the share is that of the whole, to the tenth of a gap that is kept."""
+    surface, x, ball = scene
+    segments = asked(surface, monkeypatch)
+    X, down, up = (surface.join(x - [0.0, far, 0.0], ball) for far in (0.0, 0.1, -0.1))
+    share = surface.free_step(X, down)
+    assert len(segments) == 1
+    whole = surface.free_share_of(X, down, surface.coming_near(X, down, 0.0))
+    assert share == pytest.approx(whole, rel=1e-9)
+    assert surface.free_step(X, up) == 1
+    surface.forget()
+    segments.clear()
+    assert surface.free_step(X, up) == 1 and len(segments) == 3
