@@ -4,14 +4,16 @@ Three demands, each a depth [m] by which collider vertices are drawn in along th
 the offset):
 
     penetration   skin inside another part of the collider, by p            p / (1 − n·m) + c
-    narrow gap    skin that faces other skin at a distance g < 2c           ½ (2c − g)
+    narrow gap    skin that faces other skin at a distance g < 2c           ½ (2c − g), (2c − g) / ((n − m)·u)
     pins          a prescribed cloth node, or a point of an edge between
                   two of them, at signed distance σ < c                     c − σ
 
 p is the distance to the nearest skin that looks elsewhere, m that skin's normal and n the vertex's own: both parts are drawn in to where they
-are equally far from either, half of p each where they face one another. g is the distance along the normal; σ of a covered pin that to the skin
-behind which it lies; inside by the generalised winding number (Jacobson et al. 2013). What was covered is examined again once drawn in, for
-creases and curved skin are left short by one pass; gaps are asked for once, at the end, for a crease is narrow however deep it is drawn in.
+are equally far from either, half of p each where they face one another. g is the distance along a vertex's normal, and the one along u between
+two edges, for faces bent against one another are nearest there: in a gap of 2c with edges at c, two layers of cloth cannot lie a barrier distance
+apart. σ of a covered pin is that to the skin behind which it lies; inside by the generalised winding number (Jacobson et al. 2013).
+What was covered is examined again once drawn in, for creases and curved skin are left short by one pass; gaps are asked for twice, at the end: where
+the bound holds one end of an edge the other makes up for it, but a crease is narrow however deep it is drawn in.
 
 Penetration and gaps are given way to by at most ½ max p + c, pins by at most c − min σ. So a limb that another part has swallowed whole stays
 there, and cloth around it is blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than
@@ -33,8 +35,10 @@ Indices = NDArray[np.int32]
 REACH = 0.12  # [m], more than the deepest skin can lie behind cloth
 MOST = 0.1  # [m]
 PASSES = 8
+GAP_PASSES = 2
 BETWEEN = (0.25, 0.5, 0.75)  # places on an edge between pinned nodes that are kept clear
 NO_EDGES = np.empty((0, 2), np.int32)
+FACING = -0.2  # cosine of normals that look against one another
 NOTHING = 1e-5  # [m] of penetration that is not worth another pass
 
 
@@ -81,8 +85,9 @@ def give_way(
         depth = np.maximum(depth, np.minimum(depth + _ring_maximum(under, e), most))
         if np.array_equal(depth, before):  # as deep as it may
             break
-    narrow = _gap_depth(draw_in(collider, normals, depth), faces, normals, near, clearance)
-    depth = np.maximum(depth, np.minimum(depth + _ring_maximum(narrow, e), most))
+    for _ in range(GAP_PASSES):
+        narrow = _gap_depth(draw_in(collider, normals, depth), faces, e, normals, near, clearance)
+        depth = np.maximum(depth, np.minimum(depth + _ring_maximum(narrow, e), most))
     return draw_in(collider, normals, depth), Yielded(depth)
 
 
@@ -121,11 +126,12 @@ def _covered_depth(x: Array, faces: Indices, normals: Array, asked: Indices, cle
     return depth, float(p[met].max(initial=0.0))
 
 
-def _gap_depth(x: Array, faces: Indices, normals: Array, asked: Indices, clearance: float) -> Array:
-    """Depth [C] demanded of the asked vertices that face other skin."""
-    depth = np.zeros(len(x))
-    g = _gap(x, asked, normals, faces, face_normals(x, faces), 2 * clearance)
-    depth[asked] = 0.5 * (2 * clearance - np.minimum(g, 2 * clearance))
+def _gap_depth(x: Array, faces: Indices, e: Indices, normals: Array, asked: Indices, clearance: float) -> Array:
+    """Depth [C] demanded of the asked vertices that face other skin, and of the ends of edges [E, 2] that face other edges."""
+    depth, wanted = np.zeros(len(x)), 2 * clearance
+    g = _gap(x, asked, normals, faces, face_normals(x, faces), wanted)
+    depth[asked] = 0.5 * (wanted - np.minimum(g, wanted))
+    _edges_apart(x, e[np.isin(e, asked).all(1)], normals, wanted, depth)
     return depth
 
 
@@ -226,11 +232,59 @@ def _first_hit(x, asked, normal, faces, away, reach, listed, start):
         for f in listed[start[i] : start[i + 1]]:
             a, b, c = faces[f]
             cosine = away[f, 0] * normal[v, 0] + away[f, 1] * normal[v, 1] + away[f, 2] * normal[v, 2]
-            if v not in (a, b, c) and cosine < -0.2:
+            if v not in (a, b, c) and cosine < FACING:
                 hit = _ray_triangle(x[v], normal[v], x[a], x[b], x[c])
                 if 0 <= hit < min(t[i], reach):
                     t[i] = hit
     return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edges_apart(x, e, normal, wanted, depth):
+    """Raise depth [C] at the ends of edges that face one another at a distance g < wanted; those whose boxes are near are found by a sweep along y."""
+    low, high = np.minimum(x[e[:, 0]], x[e[:, 1]]), np.maximum(x[e[:, 0]], x[e[:, 1]]) + wanted
+    order = np.argsort(low[:, 1])
+    for i in range(len(order)):
+        p = order[i]
+        for q in order[i + 1 :]:
+            if low[q, 1] > high[p, 1]:
+                break
+            if low[q, 0] > high[p, 0] or low[p, 0] > high[q, 0] or low[q, 2] > high[p, 2] or low[p, 2] > high[q, 2]:
+                continue
+            a, b, c, d = e[p, 0], e[p, 1], e[q, 0], e[q, 1]
+            if a in (c, d) or b in (c, d):
+                continue
+            need = _edge_depth(x[a], x[b], x[c], x[d], normal[a] + normal[b], normal[c] + normal[d], wanted)
+            for v in (a, b, c, d):
+                depth[v] = max(depth[v], need)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edge_depth(a, b, c, d, n, m, wanted):
+    """(wanted − g)/((n − m)·u) for edges ab and cd whose normals are along n and m, u from one to the other; 0 where they do not face one another."""
+    u = _between_segments(a, b, c, d)
+    g = np.sqrt(np.sum(u**2))
+    if not 0 < g < wanted:
+        return 0.0
+    n, m = n / np.sqrt(np.sum(n**2)), m / np.sqrt(np.sum(m**2))
+    opening = np.sum((n - m) * u) / g
+    return (wanted - g) / opening if opening > 1 - FACING and np.sum(n * m) < FACING else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _between_segments(a, b, c, d):
+    """The shortest vector [3] from segment ab to segment cd (Ericson 2005, §5.1.9)."""
+    d1, d2, r = b - a, d - c, a - c
+    A, E, f = np.sum(d1 * d1), np.sum(d2 * d2), np.sum(d2 * r)
+    C, B = np.sum(d1 * r), np.sum(d1 * d2)
+    det = A * E - B * B
+    s = min(max((B * f - C * E) / det, 0.0), 1.0) if det > 1e-12 * A * E else 0.0
+    t = (B * s + f) / E
+    if t < 0:
+        t, s = 0.0, min(max(-C / A, 0.0), 1.0)
+    elif t > 1:
+        t, s = 1.0, min(max((B - C) / A, 0.0), 1.0)
+    return c + t * d2 - a - s * d1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

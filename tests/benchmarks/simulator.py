@@ -5,7 +5,7 @@
 C-IPC's figures are stored (reference data, one thread, CPU seconds); ours are measured in this run, one thread, CPU seconds. Agreement is asked in
 three ways, because C-IPC stops at Newton steps of 1 mm/s, often on its way out of a saddle, where a step ends depends on the path: from x_k along
 C-IPC's path (cipc_newton.py) at every k; from x_k to the end with our own solver, and from its own x_{k+1} (is that a solution of *our* equations?),
-at every ninth k, for these two say less and cost twice as much.
+at every ninth k, for these two say less and cost twice as much. The target, 95 % of all k within 0.2 mm, is about the first alone.
 Steps and stress runs are kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) while the simulator stays the same, so a run goes on where it was.
 """
 
@@ -78,11 +78,15 @@ def agreement(name: str) -> Iterator[Row]:
     for key, (label, way, ks) in asked.items():
         steps = [kept(f"agreement-{way}-{name}-{k}", {"path": one_step, "solved": one_solution}[way], name, k) for k in ks]
         e = np.array([step[key] for step in steps])
-        target = "-" if key == "exact" else ">= 0.95"
-        share = float(np.mean(e <= 0.2))
-        yield f"agreement {name} {label}: share of {len(e)} steps within 0.2 mm", share, target, key == "exact" or share >= 0.95
+        share, asks = float(np.mean(e <= 0.2)), key == "path"
+        yield (
+            f"agreement {name} {label}: share of {len(e)} steps within 0.2 mm",
+            share,
+            ">= 0.95" if asks else "-",
+            not asks or share >= 0.95,
+        )
         yield f"agreement {name} {label}: median of rms, mm", float(np.median(e)), "-", True
-        if key == "path":
+        if asks:
             same = float(np.mean([step["newton"] == step["theirs"] for step in steps]))
             yield f"agreement {name} {label}: share of steps with as many Newton iterations", same, "-", True
 

@@ -4,7 +4,7 @@ import ipctk
 import numpy as np
 import pytest
 
-from tasks.geometry.meshes import edges, mesh_faults
+from tasks.geometry.meshes import edges, mesh_faults, vertex_normals
 from tasks.simulator.yielding import give_way
 from tests.simulator.stress import DRESS, EASE, build, examine, figure, names, penetration, surface_net, union
 
@@ -57,8 +57,31 @@ def crossings(x, faces):
     return sum(ipctk.is_edge_intersecting_triangle(a[i], b[i], *x[f]) for i, f in found if not np.isin(e[i], f).any())
 
 
+@pytest.mark.parametrize(
+    ("garment", "act", "seed", "frame"), [("trousers", "cross", 2, 7), ("trousers", "all", 2, 10), ("cape", "all", 0, 8)]
+)
+def test_skin_that_faces_skin_leaves_room_for_two_layers(garment, act, seed, frame):
+    """Edges that face one another too, where crossing thighs were 2 mm apart: three barrier distances, between skin, cloth, cloth and skin."""
+    case, clearance = build(garment, act, seed), 2e-3
+    x, faces = case.collider_motion[frame], case.collider.faces
+    drawn, yielded = give_way(x, faces, cloth=x, pins=np.empty((0, 3)), clearance=clearance)
+    assert yielded.depth.max() <= penetration(x, faces) / 2 + clearance + 1e-12
+    assert narrowest(drawn, faces) > 1.5 * clearance
+
+
+def narrowest(x, faces):
+    """Least distance [m], by ipctk, of edges whose ends look against one another."""
+    e, n = edges(faces), vertex_normals(x, faces)
+    X = np.asfortranarray(x)
+    mesh, near = ipctk.CollisionMesh(X, np.asfortranarray(e), np.asfortranarray(faces)), ipctk.NormalCollisions()
+    near.build(mesh, X, 0.006)
+    pairs = [(e[pair.edge0_id], e[pair.edge1_id], pair) for pair in near.ee_collisions]
+    facing = [(a, b, pair) for a, b, pair in pairs if n[a].mean(0) @ n[b].mean(0) < -0.2]
+    return min(np.sqrt(pair.compute_distance(x[[*a, *b]].ravel())) for a, b, pair in facing)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [*names()[::11], ("trousers", "cross", 0), ("top", "turn", 1)])
+@pytest.mark.parametrize("case", [*names()[::11], ("trousers", "cross", 0), ("trousers", "cross", 2), ("top", "turn", 1)])
 def test_a_run_goes_through(case):
     outcome = examine(*case)
     assert outcome.ending == "converged" and not outcome.crossing and outcome.beyond < 1e-9
