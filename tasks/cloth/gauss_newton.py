@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
+from scipy.stats import norm
 from scipy.stats import t as student
 from typing_extensions import override
 
@@ -44,10 +45,14 @@ NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in eve
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation."""
+    """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation.
+
+    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`).
+    """
 
     g: Array
     A: Array
+    common: Array | float = 0.0
 
     @property
     def step(self) -> Array:
@@ -58,7 +63,19 @@ class Normal:
 
     @property
     def covariance(self) -> Array:
-        """Of the parameters [P, P]: by the jackknife over blocks, which needs no small errors, and that of the noise itself beside it."""
+        """Of the parameters [P, P]: what blocks tell, and what they have in common."""
+        return self._of_blocks + self.common
+
+    @property
+    def half_width(self) -> Array:
+        """Of 90 % intervals [P]: Student's for what blocks tell, B of them say B − 1 times how far they scatter (infinite for one); the normal one for what
+        they have in common, whose size is not told by blocks. The two are independent, so their squares add."""
+        blocks, common = np.diag(self._of_blocks), np.diag(np.broadcast_to(self.common, self._of_blocks.shape))
+        return np.sqrt(self.quantile**2 * blocks + norm.ppf(0.95) ** 2 * common)
+
+    @property
+    def _of_blocks(self) -> Array:
+        """By the jackknife over blocks, which needs no small errors, and the covariance of the noise itself beside it [P, P]."""
         A, g, B = self.A.sum(0), self.g.sum(0), len(self.g)
         if not np.isfinite(A).all():
             return np.full(A.shape, np.nan)
@@ -68,7 +85,7 @@ class Normal:
 
     @property
     def quantile(self) -> float:
-        """Half the width of a 90 % interval in standard deviations: Student's, B blocks say B − 1 times how far they scatter; infinite for one."""
+        """Half the width of a 90 % interval in standard deviations of what blocks tell; infinite for one block."""
         return float(student.ppf(0.95, len(self.g) - 1)) if len(self.g) > 1 else np.inf
 
 

@@ -71,7 +71,7 @@ def one_twin(seed: int) -> dict[str, Any]:
     scene = started_well(replace(made.scene, boundary_motion=driven), START)
     found = fit_windows(scene, START)
     ratio = np.log([found.fabric.membrane / made.fabric.membrane, found.fabric.bending / made.fabric.bending])
-    width = found.normal.quantile * np.sqrt(np.diag(found.covariance))
+    width = found.normal.half_width
     said = insensitive(scene, made.fabric)
     return {"log_ratio": ratio.tolist(), "width": width.tolist(), "ending": found.ending, "insensitive": said} | {
         "seconds": time.process_time() - clock,
