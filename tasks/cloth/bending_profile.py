@@ -8,6 +8,7 @@ normal equations,
     g_w = −½ ∂l_w/∂log κ_b,    H = Σ_w ½ ∂²l_w/∂(log κ_b)²    (of the parabola through three losses)
 
 Where stiffness changes nothing, H is nothing, though JᵀJ is not. κ_s keeps its derivatives: what stretches does not fold.
+What a finer computation adds to windows (`numerics.py`) is taken off each, and what it does to all of them alike stands beside what their scatter tells.
 
 Source: profile likelihood (Pawitan 2001, § 3.4). Limits: one parameter; a minimum beyond `FURTHEST` steps is not reached.
 """
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.gauss_newton import Normal
+from tasks.cloth.numerics import common_error, corrected
 from tasks.cloth.shooting import PARAMETERS, moved, scaled, unscaled_loss
 from tasks.cloth.windows import Normals
 from tasks.simulator import Fabric
@@ -35,7 +37,7 @@ LEAST = 1e-3  # of JᵀJ: what counts as no curvature
 
 @dataclass(frozen=True)
 class Profile:
-    """A fabric, and what each window says below, there and above: [3][W]; h [2]: how far below and above, of log κ_b."""
+    """A fabric, and what each window says below, there and above, columns of numerics kept: [3][W]; h [2]: how far below and above, of log κ_b."""
 
     fabric: Fabric
     windows: tuple[Sequence[Normals], ...]
@@ -44,19 +46,19 @@ class Profile:
     @property
     def losses(self) -> Array:
         """l_w [3, W]."""
-        return np.array([[unscaled_loss(n) for n in each] for each in self.windows])
+        return np.array([[_loss(n) for n in each] for each in self.windows])
 
     @property
     def normal(self) -> Normal:
         """Normal equations per window; JᵀJ of κ_b shrunk to the curvature met."""
-        at = self.windows[1][0].index(PARAMETERS)
-        here = [scaled(n) for n in self.windows[1]]
+        here = [scaled(corrected(n)) for n in self.windows[1]]
+        at = here[0].index(PARAMETERS)
         g, A = np.stack([n.g[at] for n in here]), np.stack([n.G[np.ix_(at, at)] for n in here])
         slopes = np.diff(self.losses, axis=0) / self.h[:, None]  # halfway to either side
         g[:, 1] = -0.5 * (self.h[::-1] @ slopes) / self.h.sum()
         H = float(np.sum(slopes[1] - slopes[0])) / self.h.sum()
         shrunk = np.array([1.0, np.sqrt(np.clip(H / A[:, 1, 1].sum(), LEAST, 1.0))])
-        return Normal(g, shrunk[:, None] * A * shrunk)
+        return Normal(g, shrunk[:, None] * A * shrunk, common_error(self.windows[1], PARAMETERS))
 
 
 def bracketed(fabric: Fabric, follow: Followed) -> Profile | None:
@@ -73,7 +75,7 @@ def bracketed(fabric: Fabric, follow: Followed) -> Profile | None:
 
     def loss(k: int) -> float:
         each = known[k] if _between_bounds(fabric, k) else None
-        return np.inf if each is None else sum(map(unscaled_loss, each))
+        return np.inf if each is None else sum(map(_loss, each))
 
     here = next(k for k in (0, -1, 1) if _between_bounds(fabric, k))
     for _ in range(FURTHEST):
@@ -92,6 +94,10 @@ def bracketed(fabric: Fabric, follow: Followed) -> Profile | None:
 def aside(fabric: Fabric, steps: float) -> Fabric:
     """The fabric with κ_b e^{steps · h}, within bounds."""
     return moved(fabric, np.array([0.0, steps * ASIDE]))[0]
+
+
+def _loss(n: Normals) -> float:
+    return unscaled_loss(corrected(n))
 
 
 def _between_bounds(fabric: Fabric, k: int) -> bool:

@@ -43,7 +43,7 @@ def estimates(scene: Scene, fit: Fit, *, weighed: bool = False) -> dict[str, dic
     for p, name in enumerate(PARAMETERS):
         doubt = _doubt(scene, fit, p)
         for (key, unit), value in ((UNITS[name], _ratio(fit.fabric, name)), (PLAIN_UNITS[name], _plain(fit.fabric, name))):
-            found[key] = _estimate(key, value, unit, fit.normal.quantile * np.sqrt(fit.covariance[p, p]), doubt)
+            found[key] = _estimate(key, value, unit, fit.normal.half_width[p], doubt)
     return found | densities(fit.fabric, weighed=weighed) | _strengths(fit)
 
 
@@ -124,9 +124,7 @@ def _strengths(fit: Fit) -> dict[str, dict[str, Any]]:
     effects = fit.model.effects if isinstance(fit, CompletedFit) else ()
     columns = [(e, k) for e in effects for k in range(len(e.strengths))]
     return {
-        e.columns[k]: _strength(
-            e.columns[k], e.strengths[k], float(fit.model.strength(e)[k]), fit.normal.quantile * np.sqrt(fit.covariance[p, p]), fit.ending
-        )
+        e.columns[k]: _strength(e.columns[k], e.strengths[k], float(fit.model.strength(e)[k]), fit.normal.half_width[p], fit.ending)
         for p, (e, k) in enumerate(columns, len(PARAMETERS))
     }
 
@@ -154,7 +152,7 @@ def _doubt(scene: Scene, fit: Fit, p: int) -> str:
         return unresolved
     if len(fit.normal.g) < 2:
         return "not estimated: from one stretch of frames nobody can tell how far it may be off; give twice as many frames"
-    width = fit.normal.quantile * np.sqrt(fit.covariance[p, p])
+    width = fit.normal.half_width[p]
     if not fit.normal.A.sum(0)[p, p] > 0 or not width < LEAST_KNOWN:
         return "untouched by the data: the recording hardly moves with this parameter"
     return ""

@@ -3,22 +3,31 @@
     minimise over θ = (log κ_s, log κ_b)   Σ ρ(|x̂ − x(θ)|/σ),    ρ Huber's loss, over free, seen vertices
 
 Without air, motion depends on κ_s/ρ and κ_b/ρ only (all of inertia, gravity, elasticity, barrier and friction scale with the density), so
-the density is held and the ratios are what is reported. Levenberg damping; a proposal whose simulation fails or whose loss is higher
-shortens the step. Residuals of neighbouring vertices and frames move together, so blocks of `BLOCK` frames, not vertices, are taken as independent:
+the density is held and the ratios are what is reported. Levenberg damping within a box, |Δθ_p| ≤ `LARGEST_STEP`; a proposal whose simulation
+fails or whose loss is higher shortens the step. The horizon grows: a third of a second is fitted first, in which derivatives hold and a step
+costs little, until a proposal fails there; then the whole, gone on with from that replay's last frame. Residuals of neighbouring vertices
+and frames move together, so blocks of `BLOCK` frames, not vertices, are taken as independent:
 the covariance is that of the jackknife over blocks (Tukey 1958; the CR3 estimate of Bell & McCaffrey 2002, which unlike the sandwich does not promise
 too much where blocks are few), and 90 % are Student's for as many blocks as there are.
+
+Source: Levenberg 1944; Stark & Parker 1995 (least squares in a box); Pires, Vautard & Talagrand 1996 (quasi-static assimilation: from a short stretch,
+whose loss has few minima, to a long one that has many). Limits: what the first third of a second does not tell may move by its noise there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+from scipy.stats import norm
 from scipy.stats import t as student
+from typing_extensions import override
 
-from tasks.cloth.scene import FORGETFUL, FrameMemory, Replay, Scene, replay
-from tasks.simulator import Fabric
+from tasks.cloth.scene import FORGETFUL, FrameMemory, Replay, Scene, replay, window
+from tasks.simulator import Fabric, Frame, Standing
 
 Array = NDArray[np.float64]
 
@@ -30,15 +39,20 @@ HUBER = 2.5
 BLOCK = 5  # frames
 SETTLED = 0.02  # of a logarithm
 RCOND = 1e-10  # directions that the data hardly touch stay where they are
-PROPOSALS = 3  # per iteration, each shorter than the last
+PROPOSALS = 3  # per iteration on the whole, each shorter than the last
+NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in every cloth (`windows.py`)
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation."""
+    """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation.
+
+    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`).
+    """
 
     g: Array
     A: Array
+    common: Array | float = 0.0
 
     @property
     def step(self) -> Array:
@@ -49,7 +63,19 @@ class Normal:
 
     @property
     def covariance(self) -> Array:
-        """Of the parameters [P, P]: by the jackknife over blocks, which needs no small errors, and that of the noise itself beside it."""
+        """Of the parameters [P, P]: what blocks tell, and what they have in common."""
+        return self._of_blocks + self.common
+
+    @property
+    def half_width(self) -> Array:
+        """Of 90 % intervals [P]: Student's for what blocks tell, B of them say B − 1 times how far they scatter (infinite for one); the normal one for what
+        they have in common, whose size is not told by blocks. The two are independent, so their squares add."""
+        blocks, common = np.diag(self._of_blocks), np.diag(np.broadcast_to(self.common, self._of_blocks.shape))
+        return np.sqrt(self.quantile**2 * blocks + norm.ppf(0.95) ** 2 * common)
+
+    @property
+    def _of_blocks(self) -> Array:
+        """By the jackknife over blocks, which needs no small errors, and the covariance of the noise itself beside it [P, P]."""
         A, g, B = self.A.sum(0), self.g.sum(0), len(self.g)
         if not np.isfinite(A).all():
             return np.full(A.shape, np.nan)
@@ -59,7 +85,7 @@ class Normal:
 
     @property
     def quantile(self) -> float:
-        """Half the width of a 90 % interval in standard deviations: Student's, B blocks say B − 1 times how far they scatter; infinite for one."""
+        """Half the width of a 90 % interval in standard deviations of what blocks tell; infinite for one block."""
         return float(student.ppf(0.95, len(self.g) - 1)) if len(self.g) > 1 else np.inf
 
 
@@ -94,6 +120,10 @@ class Progress:
     ending: str = ""
     reasons: tuple[str, ...] = ()
 
+    def accepted(self, frames: int) -> int:
+        """How many fabrics were accepted on a horizon of so many frames, the first one included."""
+        return sum(row["frames"] == frames for row in self.history)
+
 
 def fit(
     scene: Scene,
@@ -103,23 +133,77 @@ def fit(
     on_iteration: Callable[[Progress], None] = lambda progress: None,
     memory: FrameMemory = FORGETFUL,
 ) -> Fit:
-    """Fit `PARAMETERS` from `start` with at most `iterations` accepted steps in all; `on_iteration` hears of each."""
-    state, now = start, replay(scene, start.fabric, tangents=PARAMETERS, memory=memory)
+    """Fit `PARAMETERS` from `start` with at most `iterations` accepted steps on each horizon; `on_iteration` hears of each."""
+    state, lengths = start, horizons(len(scene.observed), scene.fps)
+    reached = Reached(memory, lengths[0])
+    for frames in lengths:
+        if state.history and frames < state.history[-1]["frames"]:
+            continue
+        seen, whole = window(scene, slice(0, frames), scene.x0, scene.v0), frames == len(scene.observed)
+        reached.horizon = frames
+        state, now = _fitted(state, seen, iterations, PROPOSALS if whole else 1, on_iteration, reached)
+        if not now.complete:
+            break
+        if not whole:
+            state = replace(state, ending="")
+    return Fit(state.fabric, normal_equations(seen, now), now, state.history, state.ending, state.reasons)
+
+
+def horizons(frames: int, fps: float) -> tuple[int, ...]:
+    """How many of the first frames are replayed, one after the other: as many as derivatives hold for, where that is less than half, then all."""
+    near = 1 + round(NEAR_S * fps)
+    return (near, frames) if 2 * near < frames else (frames,)
+
+
+def _fitted(
+    state: Progress,
+    scene: Scene,
+    iterations: int,
+    proposals: int,
+    on_iteration: Callable[[Progress], None],
+    memory: FrameMemory,
+) -> tuple[Progress, Replay]:
+    """Gone on with until it ends on this horizon."""
+    now, frames = replay(scene, state.fabric, tangents=PARAMETERS, memory=memory), len(scene.observed)
     state = replace(state, reasons=(*state.reasons, *now.reasons))
     if not now.complete:
-        ending = (
-            f"the simulation cannot follow the recording with κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}: {now.ending}"
-        )
-        return Fit(state.fabric, normal_equations(scene, now), now, state.history, ending, state.reasons)
-    if not state.history:
-        state = replace(state, history=(_row(scene, now, state.fabric),))
+        fabric = f"κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}"
+        return replace(state, ending=f"the simulation cannot follow the recording with {fabric}: {now.ending}"), now
+    if not state.accepted(frames):
+        state = replace(state, damping=Progress.damping, history=(*state.history, _row(scene, now, state.fabric)))
     while not state.ending:
-        if len(state.history) > iterations:
+        if state.accepted(frames) > iterations:
             state = replace(state, ending=f"stopped after {iterations} iterations")
             break
         on_iteration(state)
-        state, now = _iterate(scene, state, now, memory)
-    return Fit(state.fabric, normal_equations(scene, now), now, state.history, state.ending, state.reasons)
+        state, now = _iterate(scene, state, now, proposals, memory)
+    return state, now
+
+
+class Reached(FrameMemory):
+    """Remembers up to so many frames of every replay, beside what `memory` keeps of the one in progress: the whole goes on where the first horizon ended.
+
+    horizon: frames of the replay that asks; `memory` may have kept more of them.
+    """
+
+    def __init__(self, memory: FrameMemory, frames: int) -> None:
+        self.memory, self.frames, self.horizon = memory, frames, frames
+        self.known: dict[Fabric, tuple[Sequence[Frame], Standing | None]] = {}
+
+    @override
+    def recall(self, fabric: Fabric) -> tuple[Sequence[Frame], Standing | None]:
+        kept, standing = self.memory.recall(fabric)
+        return (kept[: self.horizon], standing) if kept else self.known.get(fabric, ((), None))
+
+    @override
+    def keep(self, fabric: Fabric, frames: Sequence[Frame], standing: Standing | None) -> None:
+        self.memory.keep(fabric, frames, standing)
+        if standing is not None and len(frames) <= self.frames:
+            self.known[fabric] = (tuple(frames), standing)
+
+    @override
+    def forget(self) -> None:
+        self.memory.forget()
 
 
 class Objective(Protocol):
@@ -147,14 +231,14 @@ class WholeReplay:
         return normal_equations(scene, replay(scene, fabric, tangents=PARAMETERS))
 
 
-def _iterate(scene: Scene, state: Progress, now: Replay, memory: FrameMemory) -> tuple[Progress, Replay]:
+def _iterate(scene: Scene, state: Progress, now: Replay, proposals: int, memory: FrameMemory) -> tuple[Progress, Replay]:
     """One accepted Levenberg step, or the end."""
     normal = normal_equations(scene, now)
     g, A = normal.g.sum(0), normal.A.sum(0)
     damping, reasons = state.damping, state.reasons
-    for _ in range(PROPOSALS):
+    for _ in range(proposals):
         held = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
-        step = np.clip(np.linalg.solve(held, g), -LARGEST_STEP, LARGEST_STEP)
+        step = within(held, g, LARGEST_STEP)
         fabric = moved(state.fabric, step)
         tried = replay(scene, fabric, tangents=PARAMETERS, memory=memory)
         reasons = (*reasons, *tried.reasons)
@@ -163,6 +247,12 @@ def _iterate(scene: Scene, state: Progress, now: Replay, memory: FrameMemory) ->
             return Progress(fabric, max(damping / 10, 1e-4), (*state.history, _row(scene, tried, fabric)), ending, reasons), tried
         damping = max(damping * 20, 0.1)
     return replace(state, ending="converged: no shorter step lowers the loss", reasons=reasons), now
+
+
+def within(A: Array, g: Array, most: float) -> Array:
+    """The step [P] that minimises ½ sᵀA s − gᵀs over |s_p| ≤ most: what one parameter may not do, the others are asked to do."""
+    L = np.linalg.cholesky(A)
+    return lsq_linear(L.T, solve_triangular(L, g, lower=True), (-most, most), method="bvls").x
 
 
 def logarithms(fabric: Fabric) -> Array:
@@ -212,6 +302,7 @@ def rms_mm(scene: Scene, at: Replay) -> float | None:
 
 def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:
     return {
+        "frames": len(scene.observed),
         "loss": loss(scene, at),
         "rms_mm": rms_mm(scene, at),
         "kappa_s": fabric.membrane,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
-from tasks.cloth.numerics import corrected
+from tasks.cloth.numerics import WAYS, common_error, corrected
 from tasks.cloth.shooting import (
     DAMPING,
     SCALE,
@@ -104,7 +104,8 @@ def joint_normal(model: Model, evidence: Sequence[Evidence], prior: Prior) -> No
     found = _weighed(model, evidence, prior)
     if not found:
         return Normal(np.full((1, P), np.nan), np.full((1, P, P), np.nan))
-    return Normal(np.stack([n.g for n in found]), np.stack([n.G for n in found]))
+    whole = [_with_numerics(model, e, prior) for e in evidence if e.prediction.complete]
+    return Normal(np.stack([n.g for n in found]), np.stack([n.G for n in found]), common_error(whole, found[0].names))
 
 
 def moved_jointly(model: Model, step: Array) -> Model:
@@ -158,10 +159,16 @@ def _bounds(model: Model) -> tuple[Array, Array]:
 
 def _told(model: Model, evidence: Evidence, prior: Prior) -> Normals:
     """Normal equations of one window in θ, start state and numerics integrated out."""
-    n = corrected(without_state(evidence.normals, prior))
+    return corrected(_with_numerics(model, evidence, prior))
+
+
+def _with_numerics(model: Model, evidence: Evidence, prior: Prior) -> Normals:
+    """The same in θ and the coefficients of numerics."""
+    n = without_state(evidence.normals, prior)
     columns = [(c, abs(s.typical)) for e in model.effects for c, s in zip(e.columns, e.strengths, strict=True)]
-    names = (*PARAMETERS, *(c for c, _ in columns))
-    unit = np.array([1.0] * len(PARAMETERS) + [typical for _, typical in columns])
+    ways = [name for name in n.names if name in WAYS]
+    names = (*PARAMETERS, *(c for c, _ in columns), *ways)
+    unit = np.array([1.0] * len(PARAMETERS) + [typical for _, typical in columns] + [1.0] * len(ways))
     i = n.index(names)
     return Normals(names, n.G[np.ix_(i, i)] * np.outer(unit, unit), n.g[i] * unit, n.c, n.n)
 

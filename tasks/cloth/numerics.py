@@ -7,8 +7,17 @@ the limit by about as much as it differs; μ = 0 for what is only other (other t
 recording's own. A law enters by its tangent, from the same simulation as every effect's (`LINEAR`); the rest is simulated again (`AGAIN`). Without them a
 method blames innocent effects on every recording that another simulator, or the world, has made.
 
-Source: Roache 1994 (Richardson's estimate of discretisation error); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out).
-Limits: first order; folds that differ in kind are not corrected.
+What the finer computation still lacks is like D_e in size, not in shape: windows of a twin tell the coefficients to 0.01 to 0.4 and disagree about them by up to ten
+times that. Integrating them out, window by window, does not stand for it, and the jackknife over windows sees only what differs between them, while mesh and step err
+in all alike. How far answers to two computations lie apart is added (`common_error`): a unit of D_e in every window moves the answer by
+
+    c_e = (Σ_w G_θθ)⁻¹ Σ_w G_θe,        common covariance Σ_e c_e c_eᵀ,        e in `FINER`
+
+with G the normal equations of windows over their scales, the start state integrated out, the columns D_e kept. It does not shrink with the number of windows.
+
+Source: Roache 1994 (Richardson's estimate of discretisation error, and the change between two meshes as the uncertainty of any answer, his grid convergence index; its
+safety factor here is 1); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out); GUM 2008, § F.1.2.3 (what observations share does not average out).
+Limits: first order; folds that differ in kind are not corrected; the sign and size of what is left are nobody's knowledge, hence one standard deviation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +26,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence, Job
+from tasks.cloth.gauss_newton import RCOND
+from tasks.cloth.shooting import Evidence, Job, scale, summed
 from tasks.cloth.windows import Normals, marginalised, predict
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
@@ -67,6 +77,14 @@ def corrected(n: Normals) -> Normals:
     """Normal equations with the columns of numerics taken at their means and integrated out; as they are where there are none."""
     δ = finer_shift(n.names)
     return without_others(replace(n, g=n.g - n.G @ δ, c=float(n.c - 2 * n.g @ δ + δ @ n.G @ δ)))
+
+
+def common_error(windows: Sequence[Normals], names: Sequence[str]) -> Array:
+    """Covariance [P, P] of what a finer computation does to the parameters `names` in all windows alike; 0 where they lack its columns."""
+    ways, P = [way.name for way in FINER if way.name in windows[0].names], len(names)
+    G, _ = summed([replace(n, G=n.G / scale(corrected(n))) for n in windows], (*names, *ways))
+    c = SPREAD * np.linalg.pinv(G[:P, :P], rcond=RCOND, hermitian=True) @ G[:P, P:]
+    return c @ c.T
 
 
 def without_others(n: Normals, kept: str = "") -> Normals:

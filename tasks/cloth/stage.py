@@ -19,7 +19,7 @@ from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, fo
 from tasks.cloth.checkpoints import FrameFile, load_descent, save_descent
 from tasks.cloth.estimates import estimates
 from tasks.cloth.garment import Garment, garments, weighed
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, normal_equations
+from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, horizons, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.scene import Scene, replay
@@ -216,9 +216,10 @@ def _by_whole_replay(job: Job, work: Work, parameters: FitParameters, run: Map) 
     """Gauss–Newton on one replay from the first frame to the last: what Algorithm 1 minimises too."""
     scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
     iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
+    most = len(horizons(len(scene.observed), scene.fps)) * (iterations + 1)
 
     def on_iteration(now: Progress) -> None:
-        job.progress(len(now.history) / (iterations + 1), f"{work.name}: {now.history[-1]['rms_mm']:.1f} mm")
+        job.progress(len(now.history) / most, f"{work.name}: {now.history[-1]['rms_mm']:.1f} mm")
 
     found = fit(scene, Progress(work.fabric), iterations=iterations, on_iteration=on_iteration, memory=memory)
     return scene, found, knowledge(scene, found, otherwise=work.otherwise, profiles=parameters.profiles)

@@ -7,6 +7,7 @@ bracketed by losses (`bending_profile.py`).
 
 What the mesh and the step alone do is taken off at the end: each window is also simulated on about twice the vertices with half the
 step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs).
+By what d does to all windows alike the answer stays uncertain, however many there are (`numerics.py`).
 
 Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and the whole is
 replayed with them (`completed_replay.py`).
@@ -22,7 +23,7 @@ from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
-from tasks.cloth.numerics import FINER, corrected, offsets
+from tasks.cloth.numerics import FINER, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
 from tasks.cloth.shooting import (
     SCALE,
@@ -130,7 +131,7 @@ def _following(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
 
 
 def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
-    """The same with what noise leaves of wrinkles marginalised too, which only stiffness could iron, and less what the computation does."""
+    """The same with what noise leaves of wrinkles marginalised too, which only stiffness could iron, and with the columns of what the computation does."""
     fine = [replace(job, φ=smooth_modes(job.model.subject.cloth, FINE)) for job in jobs]
 
     def told(fabrics: Sequence[Fabric]) -> list[list[Normals] | None]:
@@ -141,7 +142,7 @@ def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed
 
 
 def _without_wrinkles(jobs: Sequence[Job], evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
-    return [corrected(without_wrinkles(job, e, prior, MODES)) for job, e in zip(jobs, evidence, strict=True)]
+    return [without_wrinkles(job, e, prior, MODES) for job, e in zip(jobs, evidence, strict=True)]
 
 
 def _evidence(fabrics: Sequence[Fabric], found: BaseFit, jobs: Sequence[Job], run: Map) -> list[list[Evidence]]:
@@ -258,7 +259,7 @@ def _jobs(scene: Scene, fabric: Fabric, length_s: float | None = None) -> tuple[
 
 
 def _normal(evidence: list[Evidence] | tuple[Evidence, ...], prior: Prior) -> Normal:
-    done = [scaled(corrected(without_state(e.normals, prior))) for e in evidence if e.prediction.complete]
+    done = [scaled(without_state(e.normals, prior)) for e in evidence if e.prediction.complete]
     if not done:
         return _nothing()
     at = done[0].index(PARAMETERS)

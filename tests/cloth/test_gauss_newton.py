@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth import gauss_newton, perseverance
 from tasks.cloth.estimates import bending_length, estimates
-from tasks.cloth.gauss_newton import Normal, Progress, fit
+from tasks.cloth.gauss_newton import Normal, Progress, fit, horizons, within
 from tasks.cloth.scene import Scene, replay
-from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings, simulate
 from tests.geometry.test_meshes import grid
 
 TRUTH = Fabric(density=320, membrane=3.0, bending=300.0)
@@ -104,3 +105,45 @@ def test_one_stretch_of_frames_gives_no_interval(found):
     said = estimates(scene, one)["kappa_b_over_rho"]
     assert said["value"] is None
     assert "give twice as many frames" in said["sentence"]
+
+
+def test_a_step_that_one_parameter_may_not_take_is_asked_of_the_other():
+    """Both stiffen alike: where κ_s may move by no more than its bound, the minimum within the box lies at a larger κ_b than that of the step cut off."""
+    A, g = np.array([[4.0, 1.8], [1.8, 1.0]]), np.array([10.0, 4.6])
+    cut, step = np.clip(np.linalg.solve(A, g), -1.2, 1.2), within(A, g, 1.2)
+    corners = np.stack(np.meshgrid(np.linspace(-1.2, 1.2, 241), np.linspace(-1.2, 1.2, 241)), -1).reshape(-1, 2)
+    model = [0.5 * s @ A @ s - g @ s for s in (step, cut, *corners)]
+    assert model[0] < model[1] - 0.01 and model[0] <= min(model[2:]) + 1e-9
+    np.testing.assert_allclose(within(A, 0.01 * g, 1.2), np.linalg.solve(A, 0.01 * g))
+
+
+def test_the_whole_goes_on_where_the_first_third_of_a_second_ended(monkeypatch):
+    scene, begun, replays = observed(panel(5, frames=21), 1), [], []
+
+    def stepping(*arguments, **named):
+        for frame in simulate(*arguments, **named):
+            begun.extend([frame.index] * (frame.index == 0))
+            yield frame
+
+    def counted(*arguments, **named):
+        replays.append(len(arguments[0].observed))
+        return replay(*arguments, **named)
+
+    monkeypatch.setattr(perseverance, "simulate", stepping)
+    monkeypatch.setattr(gauss_newton, "replay", counted)
+    heard = []
+    found = fit(scene, Progress(Fabric(density=320, membrane=1.0, bending=60.0)), iterations=2, on_iteration=heard.append)
+    assert len(begun) == len(replays) - 1 and set(replays) == {9, 21}  # the first replay of the whole was not begun anew
+    lengths = [row["frames"] for row in found.history]
+    assert horizons(21, 25.0) == (9, 21) and set(lengths) == {9, 21} and lengths == sorted(lengths)
+    whole = replay(scene, found.fabric, tangents=("log_membrane", "log_bending"))
+    np.testing.assert_array_equal(found.replay.x, whole.x)
+    np.testing.assert_array_equal(found.replay.columns["log_bending"], whole.columns["log_bending"])
+    for stopped in heard:
+        resumed = fit(scene, stopped, iterations=2)
+        np.testing.assert_array_equal(resumed.replay.x, found.replay.x)
+        assert resumed.history == found.history and resumed.ending == found.ending
+
+
+def test_a_recording_of_few_frames_has_one_horizon():
+    assert horizons(18, 25.0) == (18,)

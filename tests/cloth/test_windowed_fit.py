@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.cloth import windowed_fit
+from tasks.cloth.numerics import corrected
 from tasks.cloth.scene import replay
 from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
@@ -42,13 +43,16 @@ def test_a_noisy_start_is_pulled_towards_what_the_forces_allow(scene):
 
 
 def test_what_the_computation_does_is_taken_off_at_the_end(scene):
-    """Of windows with what a finer mesh and half the step add, only the fabric's two columns are left."""
+    """Of windows with what a finer mesh and half the step add only the fabric's two columns are left, and the doubt that all of them share."""
     jobs, _ = windowed_fit._jobs(scene, TRUTH)
     found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
     finer = windowed_fit._with_offsets(found, jobs, map)
     for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)([TRUTH])[0], strict=True):
         assert len(job.offsets) == 2
-        assert told.names == PARAMETERS
+        assert corrected(told).names == PARAMETERS
+    _, normal = windowed_fit._less_numerics(found, jobs, map)
+    assert (np.diag(normal.common) > 0).all()
+    assert (normal.half_width > normal.quantile * np.sqrt(np.diag(normal.covariance - normal.common))).all()
 
 
 def test_noise_that_is_overstated_hides_nothing():
