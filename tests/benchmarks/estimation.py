@@ -215,7 +215,7 @@ def steps_of_cipc(name: str) -> dict[str, Any]:
             )
         )
     fabric = replace(true, membrane=2.0, bending=3.0)
-    for _ in range(8):
+    for _ in range(20):
         replays = [replay(s, fabric, tangents=PARAMETERS) for s in scenes]
         followed = [(loss(s, r), normal_equations(s, r)) for s, r in zip(scenes, replays) if r.complete]
         step = Normal(np.concatenate([n.g / scale for scale, n in followed]), np.concatenate([n.A / scale for scale, n in followed])).step
