@@ -29,6 +29,7 @@ from scipy.spatial import cKDTree
 
 from tasks.geometry.distances import closest_points, inside
 from tasks.geometry.meshes import edges, face_normals, vertex_normals
+from tasks.geometry.simplex_distances import between_segments
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -262,29 +263,13 @@ def _edges_apart(x, e, normal, wanted, depth):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _edge_depth(a, b, c, d, n, m, wanted):
     """(wanted − g)/((n − m)·u) for edges ab and cd whose normals are along n and m, u from one to the other; 0 where they do not face one another."""
-    u = _between_segments(a, b, c, d)
+    u = np.array(between_segments((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), (d[0], d[1], d[2])))
     g = np.sqrt(np.sum(u**2))
     if not 0 < g < wanted:
         return 0.0
     n, m = n / np.sqrt(np.sum(n**2)), m / np.sqrt(np.sum(m**2))
     opening = np.sum((n - m) * u) / g
     return (wanted - g) / opening if opening > 1 - FACING and np.sum(n * m) < FACING else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _between_segments(a, b, c, d):
-    """The shortest vector [3] from segment ab to segment cd (Ericson 2005, §5.1.9)."""
-    d1, d2, r = b - a, d - c, a - c
-    A, E, f = np.sum(d1 * d1), np.sum(d2 * d2), np.sum(d2 * r)
-    C, B = np.sum(d1 * r), np.sum(d1 * d2)
-    det = A * E - B * B
-    s = min(max((B * f - C * E) / det, 0.0), 1.0) if det > 1e-12 * A * E else 0.0
-    t = (B * s + f) / E
-    if t < 0:
-        t, s = 0.0, min(max(-C / A, 0.0), 1.0)
-    elif t > 1:
-        t, s = 1.0, min(max((B - C) / A, 0.0), 1.0)
-    return c + t * d2 - a - s * d1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
