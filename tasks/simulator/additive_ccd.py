@@ -80,7 +80,7 @@ def _reached(X, Y, a, b, c, d, of_point, keep, s, most):
         return np.inf
     p0, p1, p2, p3 = p
     gap = np.sqrt(_squared(p0, p1, p2, p3, of_point)) - keep
-    if gap <= 0:
+    if not gap > 0:
         return 0.0
     least, t = (1 - s) * gap, 0.0
     while True:
@@ -90,7 +90,7 @@ def _reached(X, Y, a, b, c, d, of_point, keep, s, most):
         if t > 0 and gap < least:
             return t
         t += step
-        if t > most:
+        if not t <= most:  # nor where a way that is not finite led nowhere
             return np.inf
 
 

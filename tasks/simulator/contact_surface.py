@@ -90,9 +90,11 @@ class ContactSurface:
         self._near = None
 
     def free_step(self, X: Array, Y: Array) -> float:
-        """Largest share of the segment X → Y that stays free of contact; 1 when all of it does. A long segment is looked at in stretches, each four times the last,
-        for most that are long are blocked early."""
+        """Largest share of the segment X → Y that stays free of contact; 1 when all of it does, 0 where Y is not finite. A long segment is looked at in
+        stretches, each four times the last, for most that are long are blocked early."""
         longest = float(np.abs(Y - X).max(initial=0.0))
+        if not np.isfinite(longest):
+            return 0.0
         looked_at = min(1.0, LEAP * self.barrier_distance / longest) if longest else 1.0
         while True:
             Z = X + looked_at * (Y - X) if looked_at < 1 else Y

@@ -58,3 +58,11 @@ def test_the_first_of_many_counts_whatever_their_order():
     for order in ([[0, 3], [0, 4]], [[0, 4], [0, 3]]):
         share = free_share(X, Y, nothing, faces, nothing, np.array(order, np.int32), keep=0.0, kept_share=0.1)
         assert 0.17 < share <= 0.18 + 1e-12
+
+
+@pytest.mark.parametrize("vertex", range(4))
+@pytest.mark.parametrize("pairs", [EDGE_EDGE, FACE_VERTEX])
+def test_a_way_that_is_not_finite_ends_the_search(vertex, pairs):
+    X, Y = drawn(0, flat=False)
+    Y[vertex, 0] = np.nan
+    assert free_share(X, Y, EDGES, FACES, *pairs, keep=0.0, kept_share=0.1) in (0, 1)

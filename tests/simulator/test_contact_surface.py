@@ -97,3 +97,12 @@ def test_a_long_segment_is_looked_at_no_further_than_it_is_free(scene, monkeypat
     surface.forget()
     segments.clear()
     assert surface.free_step(X, up) == 1 and len(segments) == 3
+
+
+@pytest.mark.parametrize("wild", [np.nan, np.inf])
+def test_a_step_that_is_not_finite_goes_nowhere(scene, wild):
+    """Newton's direction may overflow; nobody waits for the end of it."""
+    surface, x, ball = scene
+    X, Y = surface.join(x, ball), surface.join(x, ball)
+    Y[40, 1] = wild
+    assert surface.free_step(X, Y) == 0
