@@ -18,8 +18,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -77,6 +77,19 @@ class Folder:
     def made(self, number: int) -> bool:
         """Whether the case is whole: its seal is written last."""
         return (self.case(number) / "truth.sha256").exists()
+
+    def answered(self, number: int, rival: str | None = None) -> bool:
+        """Whether the diagnosis has answered the case, or a rival."""
+        return (self.answer(number, rival) / "answer.json").exists()
+
+    def keep_answer(self, number: int, rival: str | None, answer: Row | None, predicted: Path, errors: str) -> None:
+        """What was said on stderr, what was predicted, if anything was, then the answer: None is one that failed."""
+        out = self.answer(number, rival)
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "stderr.txt").write_text(errors)
+        if predicted.exists():
+            (out / "pred.npz").write_bytes(predicted.read_bytes())
+        write_json(out / "answer.json", answer)
 
     def numbers(self) -> list[int]:
         """The cases that are whole."""
@@ -154,8 +167,8 @@ class Task:
     def done(self) -> bool:
         """Whether nothing is left to do."""
         folder, number = self.exam.folder, self.question.number
-        answers = [folder.answer(number, rival) / "answer.json" for rival in self.candidates]
-        return folder.left_out(number).exists() or (folder.made(number) and all(answer.exists() for answer in answers))
+        answered = all(folder.answered(number, rival) for rival in self.candidates)
+        return folder.left_out(number).exists() or (folder.made(number) and answered)
 
 
 Spread = Callable[[Sequence[Task], Say], None]
@@ -216,10 +229,11 @@ def do(task: Task, say: Say) -> None:
     for _, what in generate(folder, [task.question], task.exam.once()):
         say(f"case {number}: {what}")
     if folder.made(number):
-        for rival in task.candidates:
-            if rival is not None:
-                say(f"case {number}: {rival}")
-            diagnose(folder, number, rival)
+        if task.diagnosed:
+            diagnose(folder, number)
+        if task.rivals:
+            say(f"case {number}: {', '.join(task.rivals)}")
+            ask(folder, number, task.rivals)
 
 
 def in_turn(tasks: Sequence[Task], say: Say) -> None:
@@ -238,39 +252,37 @@ def at_once(count: int) -> Spread:
     return spread
 
 
-def diagnose(folder: Folder, number: int, rival: str | None = None) -> None:
-    """Let `physavatar gap run`, or a rival, answer a case, from a copy of its recordings in a folder of its own."""
-    out = folder.answer(number, rival)
-    if (out / "answer.json").exists():
+def diagnose(folder: Folder, number: int) -> None:
+    """Let `physavatar gap run` answer a case."""
+    if not folder.answered(number):
+        with examined(folder, number, ["gap", "run"], ["--out", "pred.npz", "--json"]) as (place, text, errors):
+            folder.keep_answer(number, None, _parsed(text), place / "pred.npz", errors)
+
+
+def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
+    """Let rivals answer a case, together: what they share is computed once."""
+    left = [name for name in rivals if not folder.answered(number, name)]
+    if not left:
         return
-    out.mkdir(parents=True, exist_ok=True)
+    names = [word for name in left for word in ("--name", name)]
+    with examined(folder, number, ["exam", "rival", *names], ["--out", "."]) as (place, _, errors):
+        for name in left:
+            told = place / f"{name}.json"
+            folder.keep_answer(number, name, _parsed(told.read_text() if told.exists() else ""), place / f"{name}.npz", errors)
+
+
+@contextmanager
+def examined(folder: Folder, number: int, command: Sequence[str], options: Sequence[str]) -> Iterator[tuple[Path, str, str]]:
+    """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout, none if it failed, and stderr."""
     case = folder.case(number)
     withheld = case / "withheld"
     without = ["--without", withheld.read_text().strip()] if withheld.exists() else []
     with tempfile.TemporaryDirectory(prefix="physavatar-exam-") as place:
         for name in OPEN_FILES:
             (Path(place) / name).write_bytes((case / name).read_bytes())
-        command = [
-            sys.executable,
-            "-m",
-            "flows.exam_candidate",
-            *(["gap", "run"] if rival is None else ["exam", "rival", rival]),
-            *OPEN_FILES[:2],
-            "--predict",
-            OPEN_FILES[2],
-            "--out",
-            "pred.npz",
-        ]
-        began = time.monotonic()
-        text, errors, code = run_apart([*command, *without, "--json"], Path(place))
-        answer = _parsed(text) if code == 0 else None
-        if answer is not None:
-            answer["wall_seconds"] = time.monotonic() - began
-        (out / "stderr.txt").write_text(errors)
-        predicted = Path(place) / "pred.npz"
-        if predicted.exists():
-            (out / "pred.npz").write_bytes(predicted.read_bytes())
-    write_json(out / "answer.json", answer)
+        files = [*OPEN_FILES[:2], "--predict", OPEN_FILES[2]]
+        text, errors, code = run_apart([sys.executable, "-m", "flows.exam_candidate", *command, *files, *options, *without], Path(place))
+        yield Path(place), text if code == 0 else "", errors
 
 
 def mark(folder: Folder, number: int, rival: str | None = None) -> Row:

@@ -1,8 +1,10 @@
 """Every rival of the diagnosis is what it says it is: an answer in the public form, and the cause where its own method must find it."""
 
 import json
+import time
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from tasks.exam.rivals import finite_differences, residual_force, sparse_regress
 from tasks.exam.rivals.answer import answer, answer_set, probabilities
 from tasks.exam.rivals.library import rivals
 from tasks.exam.rivals.linear_fit import column_names, fit, typical
-from tasks.exam.rivals.rival import NONE, OUTSIDE, Case, Reply
+from tasks.exam.rivals.rival import NONE, OUTSIDE, Case, Reply, Rival
 from tasks.geometry.faults import BadInput
 from tests.cloth.test_windows import swung
 from tests.flows.test_gap import write
@@ -177,18 +179,102 @@ def test_thresholding_keeps_the_planted_term_and_nothing_where_nothing_is_missin
     assert sets(np.zeros(6)) == {()}
 
 
-def test_a_rival_answers_from_files(tmp_path):
+@pytest.fixture
+def files(tmp_path):
+    """A recording of the panel, and one of which two frames are known; the second's shape."""
     model, recording = case().model, case().recordings[0]
     blind = recording.observed.copy()
     blind[2:, 7:] = np.nan
     write(tmp_path / "track.npz", model, recording)
     write(tmp_path / "blind.npz", model, recording, vertices=blind)
-    found = exam_rival.run(
-        "chance", [tmp_path / "track.npz"], predict=tmp_path / "blind.npz", out=tmp_path / "pred.npz", without=["air_lift"]
-    )
+    return tmp_path, blind.shape
+
+
+def answered(folder: Path, names: Sequence[str], **options) -> list[str]:
+    """Names of the rivals that fell over."""
+    return exam_rival.run(names, [folder / "track.npz"], predict=folder / "blind.npz", out=folder, **options)
+
+
+def test_a_rival_answers_from_files(files):
+    folder, shape = files
+    assert answered(folder, ["chance"], without=["air_lift"]) == []
+    found, pred = json.loads((folder / "chance.json").read_text()), np.load(folder / "chance.npz")
     assert "air_lift" not in {n for row in found["ranking"] for n in row["class"]}
-    pred = np.load(tmp_path / "pred.npz")
-    assert pred["before"].shape == pred["after"].shape == blind.shape and np.isfinite(pred["after"]).all()
+    assert pred["before"].shape == pred["after"].shape == shape and np.isfinite(pred["after"]).all()
+
+
+def known(monkeypatch, **replies) -> None:
+    """Rivals that reply so, all from the refitted base."""
+    made = {name: Rival(name, "guesses", "nobody", reply, refits=True) for name, reply in replies.items()}
+    monkeypatch.setattr(exam_rival, "rivals", lambda: made)
+
+
+def base(case: Case) -> Reply:
+    """The refitted base, which names nothing."""
+    return Reply({NONE: 0.0}, before=case.refitted, after=case.refitted)
+
+
+def test_what_rivals_share_is_computed_once_and_counted_for_each(files, monkeypatch):
+    folder, _ = files
+    refits, simulated = [], []
+
+    def refit(self):
+        refits.append(time.sleep(0.2))
+        return self.model
+
+    shared = cached_property(refit)
+    shared.__set_name__(Case, "refitted")
+    monkeypatch.setattr(Case, "refitted", shared)
+    monkeypatch.setattr(exam_rival, "predicted", lambda model, recording: simulated.append(model) or recording.observed)
+    monkeypatch.setattr(exam_rival, "Pool", Serial)
+    known(monkeypatch, one=base, two=base)
+    assert answered(folder, ["one", "two"]) == []
+    assert len(refits) == len(simulated) == 1
+    assert all(json.loads((folder / f"{name}.json").read_text())["seconds"] >= 0.2 for name in ("one", "two"))
+
+
+class Serial:
+    """A pool of nobody else."""
+
+    def __init__(self, **_):
+        self.map = map
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+def test_a_rival_that_falls_over_does_not_take_the_others_with_it(files, monkeypatch, capsys):
+    folder, _ = files
+
+    def breaks(case):
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr(Case, "refitted", None)
+    known(monkeypatch, broken=breaks, sound=lambda case: Reply({NONE: 0.0}, case.model, case.model))
+    assert answered(folder, ["broken", "sound"]) == ["broken"]
+    assert "by nothing" in capsys.readouterr().err and not (folder / "broken.json").exists()
+    assert json.loads((folder / "sound.json").read_text())["verdict"]["kind"] == "none"
+
+
+@every
+def test_who_says_it_refits_starts_from_the_shared_base_and_nobody_else_does(rival, monkeypatch):
+    class Asked(Exception):
+        pass
+
+    def refused(*_):
+        raise Asked
+
+    monkeypatch.setattr(Case, "refitted", property(refused))
+    monkeypatch.setattr(finite_differences, "refitted", refused)  # its own, which is another
+    try:
+        rival.reply(replace(case(), effects=EFFECTS))
+    except Asked:
+        assert rival.refits or rival.name == "finite_differences"
+    else:
+        assert not rival.refits
 
 
 def test_rivals_that_nobody_knows_or_that_lack_a_package_are_refused(monkeypatch):

@@ -208,7 +208,7 @@ def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp
     sitting = exam.Exam(folder, 1, 0, "sealed")
     for _ in range(2):  # the second time all is there
         result = exam.sit(sitting, rivals=[guess, replace(guess, name="ponder", slow=True)], scoreboard=board)
-    assert calls == [["gap", "run", "train-1.npz"], ["exam", "rival", "guess"]]  # 7 is not of the third
+    assert calls == [["gap", "run", "train-1.npz"], ["exam", "rival", "--name"]]  # 7 is not of the third
     line = json.loads(board.read_text().splitlines()[0])
     assert [row["number"] for row in line["rivals"]["guess"]] == [7] and line["rivals"]["ponder"] == []
     assert result["rivals"]["guess"]["cases"] == 1 and result["rivals"]["ponder"]["cases"] == 0
@@ -235,7 +235,7 @@ def test_attempts_from_before_there_were_rivals_are_still_read(folder, tmp_path,
 
 def test_a_rival_runs_under_the_hook(tmp_path):
     ended = subprocess.run(
-        [sys.executable, "-m", "flows.exam_candidate", "exam", "rival", "oracle", "a.npz", "--predict", "b.npz", "--out", "c.npz"],
+        [sys.executable, "-m", "flows.exam_candidate", "exam", "rival", "a.npz", "--name", "oracle", "--predict", "b.npz", "--out", "."],
         cwd=tmp_path,
         env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
         capture_output=True,

@@ -14,7 +14,6 @@ import numpy as np
 
 from tasks.cloth.shooting import Evidence, follow, summed, without_nuisances
 from tasks.cloth.state_modes import smooth_modes
-from tasks.exam.rivals.base_refit import refitted
 from tasks.exam.rivals.linear_fit import Fit, applied, column_names, fit
 from tasks.exam.rivals.rival import NONE, Array, Case, Reply, Rival
 from tasks.gap.acceleration import fitted_acceleration
@@ -24,7 +23,7 @@ from tasks.gap.screening import MODES
 
 def largest_fit_gain(case: Case) -> Reply:
     """The effect of largest gain; none if no effect has any."""
-    data, base = refitted(case)
+    data, base = case.refitted
     φ = smooth_modes(case.model.subject.cloth, MODES)
     todo = jobs(replace(base.model, effects=case.effects), data, φ, columns=True, prior=base.prior)
     evidence = [e for e in case.run(follow, todo) if e.prediction.complete]
@@ -54,4 +53,5 @@ RIVAL = Rival(
     "names the effect that fits best, on the recordings it was fitted to",
     "Wilks 1938, the likelihood ratio",
     largest_fit_gain,
+    refits=True,
 )

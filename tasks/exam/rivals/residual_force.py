@@ -15,7 +15,6 @@ import numpy as np
 from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
-from tasks.exam.rivals.base_refit import refitted
 from tasks.exam.rivals.rival import OUTSIDE, Array, Case, Reply, Rival
 from tasks.gap.acceleration import fitted_acceleration
 from tasks.gap.residual import rms_mm
@@ -59,7 +58,7 @@ class ResidualForce(Effect):
 
 def residual_force(case: Case) -> Reply:
     """Outside the library, with the mean of the windows' fields as the model that predicts."""
-    _, base = refitted(case)
+    _, base = case.refitted
     fps = case.model.subject.fps
     residuals = [e.residual for e in base.evidence if e.prediction.complete]
     fields = [np.nan_to_num(fitted_acceleration(r, fps)) for r in residuals]
@@ -86,4 +85,5 @@ RIVAL = Rival(
     "Golemo et al. 2018, Heiden et al. 2021: simulators with a learnt residual",
     residual_force,
     slow=True,
+    refits=True,
 )

@@ -6,14 +6,18 @@ whose motion it predicts blind; what a reply becomes as an answer of version 1 i
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Map
+from tasks.cloth.shooting import BaseFit, Map, refit
+from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
+from tasks.gap.gathered import Gathered, gather, jobs
+from tasks.gap.screening import MODES
 
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
@@ -29,6 +33,14 @@ class Case:
     recordings: tuple[Recording, ...]
     effects: tuple[Effect, ...]
     run: Map = map
+
+    @cached_property
+    def refitted(self) -> tuple[Gathered, BaseFit]:
+        """States and windows of all recordings, and the base model fitted to them as the diagnosis does: several rivals start there, and share it."""
+        data = gather(self.model, self.recordings, self.run)
+        φ = smooth_modes(self.model.subject.cloth, MODES)
+        noise = float(np.median([np.median(r.noise) for r in self.recordings]))
+        return data, refit(jobs(self.model, data, φ), noise=noise, run=self.run)
 
 
 @dataclass(frozen=True)
@@ -52,7 +64,7 @@ class Reply:
 class Rival:
     """A rival: its name, what it does in one line, where that comes from, and whether it is slow (then it sits a third of the cases).
 
-    needs: a package beyond the project's own dependencies.
+    refits: it starts from `Case.refitted`, whose seconds count as its own. needs: a package beyond the project's own dependencies.
     """
 
     name: str
@@ -60,4 +72,5 @@ class Rival:
     source: str
     reply: Callable[[Case], Reply]
     slow: bool = False
+    refits: bool = False
     needs: str | None = None

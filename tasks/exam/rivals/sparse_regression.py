@@ -23,7 +23,6 @@ from tasks.cloth.start_state import States, derivative
 from tasks.cloth.windows import Recording, Window, predict
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
-from tasks.exam.rivals.base_refit import refitted
 from tasks.exam.rivals.linear_fit import applied, by_effect, column_names, typical
 from tasks.exam.rivals.rival import NONE, Array, Case, Names, Reply, Rival
 
@@ -46,7 +45,7 @@ class Frame:
 
 def sparse_regression(case: Case) -> Reply:
     """The set of names that most bags agree on."""
-    data, base = refitted(case)
+    data, base = case.refitted
     effects, model = case.effects, replace(base.model, effects=case.effects)
     jobs = [(model, r, s, Window(k, t, 1)) for k, (r, s) in enumerate(zip(data.recordings, data.states, strict=True)) for t in _times(s)]
     frames = [frame for frame in case.run(frame_of, jobs) if frame is not None]
@@ -114,4 +113,5 @@ RIVAL = Rival(
     sparse_regression,
     slow=True,
     needs="pysindy",
+    refits=True,
 )
