@@ -1,7 +1,7 @@
 """The blind check: cases are made, diagnosed by another process that cannot see their truth, and scored. Every case is kept and resumed.
 
     FOLDER/cases/case-0007/           train-1.npz train-2.npz blind.npz truth.sha256 [withheld]     what the diagnosis may read
-    FOLDER/answers/case-0007/         answer.json pred.npz stderr.txt                               what it answered
+    FOLDER/answers/case-0007/         answer.json pred.npz stderr.txt report.html report.json       what it answered, and what that rests on
     FOLDER/answers-chance/case-0007/  the same of a rival
     FOLDER/sealed.truth/case-0007/    truth.json held-out.npz                                       what only the scorer opens
 
@@ -18,7 +18,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -82,13 +82,14 @@ class Folder:
         """Whether the diagnosis has answered the case, or a rival."""
         return (self.answer(number, rival) / "answer.json").exists()
 
-    def keep_answer(self, number: int, rival: str | None, answer: Row | None, predicted: Path, errors: str) -> None:
-        """What was said on stderr, what was predicted, if anything was, then the answer: None is one that failed."""
+    def keep_answer(self, number: int, rival: str | None, answer: Row | None, beside: Mapping[str, Path], errors: str) -> None:
+        """What was said on stderr, of the files beside the answer those that were written, then the answer: None is one that failed."""
         out = self.answer(number, rival)
         out.mkdir(parents=True, exist_ok=True)
         (out / "stderr.txt").write_text(errors)
-        if predicted.exists():
-            (out / "pred.npz").write_bytes(predicted.read_bytes())
+        for name, written in beside.items():
+            if written.exists():
+                (out / name).write_bytes(written.read_bytes())
         write_json(out / "answer.json", answer)
 
     def numbers(self) -> list[int]:
@@ -255,8 +256,10 @@ def at_once(count: int) -> Spread:
 def diagnose(folder: Folder, number: int) -> None:
     """Let `physavatar gap run` answer a case."""
     if not folder.answered(number):
-        with examined(folder, number, ["gap", "run"], ["--out", "pred.npz", "--json"]) as (place, text, errors):
-            folder.keep_answer(number, None, _parsed(text), place / "pred.npz", errors)
+        options = ["--out", "pred.npz", "--report", "report.html", "--json"]
+        with examined(folder, number, ["gap", "run"], options) as (place, text, errors):
+            beside = {name: place / name for name in ("pred.npz", "report.html", "report.json")}
+            folder.keep_answer(number, None, _parsed(text), beside, errors)
 
 
 def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
@@ -268,7 +271,9 @@ def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
     with examined(folder, number, ["exam", "rival", *names], ["--out", "."]) as (place, _, errors):
         for name in left:
             told = place / f"{name}.json"
-            folder.keep_answer(number, name, _parsed(told.read_text() if told.exists() else ""), place / f"{name}.npz", errors)
+            folder.keep_answer(
+                number, name, _parsed(told.read_text() if told.exists() else ""), {"pred.npz": place / f"{name}.npz"}, errors
+            )
 
 
 @contextmanager

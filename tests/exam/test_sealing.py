@@ -111,12 +111,16 @@ def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatc
     def run(command, place):
         calls.append(command)
         assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
+        for name in (command[command.index("--report") + 1], "report.json"):
+            (place / name).write_text(name)
         return "{}", "", 0
 
     monkeypatch.setattr(exam, "run_apart", run)
     exam.diagnose(folder, 7)
     exam.diagnose(folder, 7)
     assert len(calls) == 1
+    kept = {file.name: file.read_text() for file in folder.answer(7).iterdir() if file.name != "answer.json"}
+    assert kept == {"report.html": "report.html", "report.json": "report.json", "stderr.txt": ""}  # what an answer rests on stays
     assert calls[0][calls[0].index("--without") + 1] == "air_lift"
 
 
