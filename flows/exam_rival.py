@@ -7,21 +7,17 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from flows import gap
 from storage_schemas.durable import replace_file
 from tasks.child_process import Pool
-from tasks.cloth.windows import Recording
-from tasks.effects.model import Model
 from tasks.exam.rivals.answer import answer
 from tasks.exam.rivals.library import rivals
-from tasks.exam.rivals.rival import Array, Case, Rival
-from tasks.gap.blind import predicted
+from tasks.exam.rivals.rival import Case, Rival
 from tasks.geometry.faults import Fault, refuse
 
 LIMIT_S = 1800.0  # of one simulation
@@ -41,56 +37,38 @@ def chosen(names: Sequence[str]) -> list[Rival]:
     return found
 
 
-def run(names: Sequence[str], tracks: Sequence[Path], *, predict: Path, out: Path, without: Sequence[str] = ()) -> list[str]:
-    """Writes NAME.json, the answer, and NAME.npz, the blind prediction, of every rival into the folder `out`; returns the names of those that fell over.
+def run(
+    names: Sequence[str], tracks: Sequence[Path], *, predict: Path, out: Path, without: Sequence[str] = ()
+) -> dict[str, dict[str, Any] | None]:
+    """name -> answer, None of a rival that fell over. NAME.json, the answer, and NAME.npz, the blind prediction, go into the folder `out` as soon as there are any.
 
     Raises BadInput before any work starts.
     """
-    asked, fallen = chosen(names), []
+    asked, told = chosen(names), {}
     refuse([] if out.is_dir() else [Fault(f"--out {out}", "is not a folder", "Create it, or choose another.")])
     inputs = gap.read(gap.Request(tuple(tracks), predict=predict, out=out / "pred.npz", without=tuple(without)))
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
         case = Case(inputs.garment.model, inputs.garment.recordings, inputs.effects, pool.map)
-        blind = Blind(pool, inputs.blind)
+        blind = gap.BlindPrediction(pool, inputs.blind)
         refit_s = 0.0
         for rival in asked:
             try:
                 if rival.refits:
                     refit_s = refit_s or _seconds(lambda: case.refitted)
-                _answer(rival, case, blind, refit_s if rival.refits else 0.0, out)
+                told[rival.name] = _answer(rival, case, blind, refit_s if rival.refits else 0.0, out)
             except Exception:  # noqa: BLE001 - one that falls over, for whatever reason, does not take the others with it
                 traceback.print_exc()
-                fallen.append(rival.name)
-    return fallen
+                told[rival.name] = None
+    return told
 
 
-class Blind:
-    """What models predict of a blind recording, [T, V, 3] m; each is simulated once."""
-
-    def __init__(self, pool: Pool, recording: Recording) -> None:
-        self._pool, self._recording = pool, recording
-        self._known: dict[int, tuple[Model, Array]] = {}  # by identity; the model is kept so that its id stays its own
-
-    def __call__(self, models: Iterable[Model]) -> list[Array]:
-        """In the order of the models."""
-        models = list(models)
-        new = list({id(m): m for m in models if id(m) not in self._known}.values())
-        moved = self._pool.map(_predicted, [(model, self._recording) for model in new])
-        self._known |= {id(model): (model, x) for model, x in zip(new, moved, strict=True)}
-        return [self._known[id(model)][1] for model in models]
-
-
-def _answer(rival: Rival, case: Case, blind: Blind, refit_s: float, out: Path) -> None:
+def _answer(rival: Rival, case: Case, blind: gap.BlindPrediction, refit_s: float, out: Path) -> dict[str, Any]:
     start = time.perf_counter()
     reply = rival.reply(case)
-    before, after = blind([reply.before, reply.after])
+    blind.write(out / f"{rival.name}.npz", reply.before, reply.after)
     told = answer(rival, reply, seconds=refit_s + time.perf_counter() - start)
-    np.savez_compressed(out / f"{rival.name}.npz", before=before.astype(np.float32), after=after.astype(np.float32))
     replace_file(out / f"{rival.name}.json", json.dumps(told, indent=1, allow_nan=False).encode())
-
-
-def _predicted(job: tuple[Model, Recording]) -> Array:
-    return predicted(*job)
+    return told
 
 
 def _seconds(work: Callable[[], object]) -> float:

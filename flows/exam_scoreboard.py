@@ -54,8 +54,9 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     of, engine = attempt["version"], attempt["engine"]
     others = sorted({a.get("engine", OWN) for a in _of_version(scoreboard, of)} - {engine})
     apart = {other: figures(other, attempts(scoreboard, of, other)) for other in others}
-    whole = {"split": split, "version": of, "left_out": attempt["left_out"], "apart": apart}
-    return whole | figures(engine, attempts(scoreboard, of, engine))
+    pool = attempts(scoreboard, of, engine)
+    left_out = sorted({number for each in pool if each["seed"] == attempt["seed"] for number in each["left_out"]})
+    return {"split": split, "version": of, "left_out": left_out, "apart": apart} | figures(engine, pool)
 
 
 def every_version(scoreboard: Path = SCOREBOARD, beginning: str = "") -> Row:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from storage_schemas.durable import replace_file
 from tasks.capture.tracked_geometry import read_tracked_geometry
@@ -71,7 +72,8 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
         if inputs.blind is not None:
             tell("blind prediction")
             before = work.on_whole(found.base)
-            predict(pool, request.out, inputs.blind, before, before if found.named is found.base else work.on_whole(found.named))
+            after = before if found.named is found.base else work.on_whole(found.named)
+            BlindPrediction(pool, inputs.blind).write(request.out, before, after)
     told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
@@ -92,11 +94,19 @@ def _write_report(request: Request, told: dict[str, Any], found: Diagnosis, reco
     replace_file(request.report.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())
 
 
-def predict(pool: Pool, out: Path, blind: Recording, before: Model, after: Model) -> None:
-    """Write what two models, or one that serves as both, predict of a blind recording."""
-    models = [before] if after is before else [before, after]
-    x = [each.astype(np.float32) for each in pool.map(_predicted, [(model, blind) for model in models])]
-    np.savez_compressed(out, before=x[0], after=x[-1])
+class BlindPrediction:
+    """What models predict of a blind recording; each model is simulated once, however often it is asked for."""
+
+    def __init__(self, pool: Pool, blind: Recording) -> None:
+        self._pool, self._blind = pool, blind
+        self._known: dict[int, tuple[Model, NDArray[np.float32]]] = {}  # by identity; the model is kept so that its id stays its own
+
+    def write(self, out: Path, before: Model, after: Model) -> None:
+        """NPZ of `before` and `after`, [T, V, 3] m."""
+        new = [m for k, m in {id(before): before, id(after): after}.items() if k not in self._known]
+        moved = self._pool.map(_predicted, [(model, self._blind) for model in new])
+        self._known |= {id(model): (model, x.astype(np.float32)) for model, x in zip(new, moved, strict=True)}
+        np.savez_compressed(out, before=self._known[id(before)][1], after=self._known[id(after)][1])
 
 
 def _predicted(job):

@@ -153,9 +153,14 @@ def test_a_sealed_exam_is_sat_in_parts_and_pooled(folder, tmp_path, monkeypatch)
     exam.sit(exam.Exam(elsewhere, 2, 0, "sealed"), scoreboard=board)  # what cannot be made is not tried again either
     first, second = (json.loads(line) for line in board.read_text().splitlines())
     assert [row["number"] for row in first["cases"]] == [7] and second["cases"] == [] and second["left_out"] == [8]
-    assert first["version"] == second["version"] == exam.version() and result["cases"] == 1
+    assert first["version"] == second["version"] == exam.version() and result["cases"] == 1 and result["left_out"] == [8]
+    monkeypatch.setattr(
+        exam.Exam, "questions", lambda self: [QUESTION, replace(QUESTION, number=8), replace(QUESTION, number=9)][: self.count]
+    )
+    third = exam.sit(exam.Exam(elsewhere, 3, 0, "sealed"), scoreboard=board)
+    assert third["left_out"] == [8, 9]  # of all parts, as the figures are
     exam.sit(exam.Exam(folder, 1, 1, "sealed"), scoreboard=board)  # another set
-    assert len(board.read_text().splitlines()) == 3
+    assert len(board.read_text().splitlines()) == 4
     assert not exam_scoreboard.attempts(board, "another version")
 
 
