@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flows.endings import OK, STAGE_FAILED
+from flows.exam_scoreboard import EDITION
 from tasks.geometry.faults import Fault, refuse
 
 app = App(name="exam", help="The blind check of the diagnosis.")
@@ -135,20 +136,24 @@ def pictures(*, cases: int = 8, seed: int = 0, split: Split = "open", out: Path 
 
 
 @app.command
-def scoreboard(*, version: str = "", json_: Json = False) -> int:
+def scoreboard(*, version: str = "", edition: int = EDITION, json_: Json = False) -> int:
     """Figures of all sealed cases that any version of the diagnosis has sat; each was new to its version.
 
     Parameters
     ----------
     version: Only versions whose hash begins so, and every case of theirs, as Markdown.
+    edition: Of questions and marks.
     json_: Machine-readable JSON on stdout.
     """
     from flows.exam_scoreboard import every_version
     from tasks.exam.scorer.listing import listing
 
-    result = every_version(beginning=version)
+    result = every_version(beginning=version, edition=edition)
     if not result["rows"]:
-        refuse([Fault(f"--version {version}", "no version whose hash begins so has sat a sealed exam", "Leave it out to see which have")])
+        what = "no version whose hash begins so has sat a sealed exam of this edition"
+        refuse(
+            [Fault(f"--version {version} --edition {edition}", what, "Leave --version out to see which have, or ask for an edition before")]
+        )
     if json_:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
     else:

@@ -106,8 +106,8 @@ class Folder:
             np.savez_compressed(case / name, **arrays)
         np.savez_compressed(sealed / "held-out.npz", **made.held_out)
         write_json(sealed / "truth.json", made.truth)
-        if question.withheld is not None:
-            (case / "withheld").write_text(question.withheld + "\n")
+        if question.withheld:
+            (case / "withheld").write_text("".join(f"{name}\n" for name in question.withheld))
         self.publish_seal(question.number)
 
     def publish_seal(self, number: int) -> None:
@@ -281,7 +281,7 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
     """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout, none if it failed, and stderr."""
     case = folder.case(number)
     withheld = case / "withheld"
-    without = ["--without", withheld.read_text().strip()] if withheld.exists() else []
+    without = [word for name in withheld.read_text().split() for word in ("--without", name)] if withheld.exists() else []
     with tempfile.TemporaryDirectory(prefix="physavatar-exam-") as place:
         for name in OPEN_FILES:
             (Path(place) / name).write_bytes((case / name).read_bytes())
@@ -291,13 +291,23 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
 
 
 def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
-    """The row of a case that was answered. Raises ValueError if its truth was touched."""
+    """The row of a case that was answered; what a rival closes is told against the diagnosis' prediction without any cause, the same for all.
+
+    Raises ValueError if the truth was touched.
+    """
     truth, out = folder.truth(number), folder.answer(number, rival)
     answer = json.loads((out / "answer.json").read_text())
-    predicted = out / "pred.npz"
-    prediction = dict(np.load(predicted, allow_pickle=False)) if answer is not None and predicted.exists() else None
+    prediction = _predicted(out) if answer is not None else None
+    if prediction is not None and rival is not None:
+        prediction |= {"before": (_predicted(folder.answer(number)) or prediction)["before"]}
     held_out = dict(np.load(folder.sealed(number) / "held-out.npz", allow_pickle=False))
     return score(truth, answer) | closing(prediction, held_out, truth["floor_mm"] / 1e3)
+
+
+def _predicted(out: Path) -> dict[str, Any] | None:
+    """before, after [T, V, 3] m; None where nothing was predicted."""
+    file = out / "pred.npz"
+    return dict(np.load(file, allow_pickle=False)) if file.exists() else None
 
 
 def sit(

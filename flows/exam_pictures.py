@@ -75,7 +75,7 @@ class Question:
     def as_json(self) -> Row:
         """The truth."""
         return {
-            "question": {"number": self.number, "stratum": "single", "twist": "from images", "withheld": None},
+            "question": {"number": self.number, "stratum": "single", "twist": "from images", "withheld": []},
             "causes": {self.fault: {"strength": float(np.linalg.norm(self.strengths)), "unit": library()[self.fault].strengths[0].unit}},
             "components": list(self.strengths),
             "admissible": {self.fault: sorted(admissible(self.fault))},

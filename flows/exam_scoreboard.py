@@ -11,6 +11,7 @@ from tasks.exam.scorer.engine import counted
 from tasks.exam.scorer.summary import summary
 
 SCOREBOARD = Path(__file__).parents[1] / "docs" / "exam-scoreboard.jsonl"
+EDITION = 2  # of questions and marks: figures of different ones are not pooled; attempts that say nothing are of the first
 OWN = "own"  # the generator's own engine; attempts from before there was another say nothing
 PICTURES = "pictures"  # cases that start from images (`exam_pictures.py`)
 Row = dict[str, Any]
@@ -18,7 +19,7 @@ Case = tuple[str, int, int]  # version, seed, number
 
 
 def attempts(scoreboard: Path, of: str, engine: str = OWN) -> list[Row]:
-    """All attempts of a version with cases of this engine."""
+    """All attempts of a version with cases of this engine, of this edition."""
     return [attempt for attempt in _of_version(scoreboard, of) if attempt.get("engine", OWN) == engine]
 
 
@@ -39,7 +40,7 @@ def sat(scoreboard: Path, of: str, seed: int, engine: str, rival: str | None = N
 
 def entered(split: str, attempt: Row, scoreboard: Path) -> Row:
     """The figures of an attempt (version, seed, count, engine, left_out, cases, rivals), dated; a sealed one is added to the scoreboard first."""
-    attempt = {"date": datetime.now(UTC).isoformat(timespec="seconds"), **attempt}
+    attempt = {"date": datetime.now(UTC).isoformat(timespec="seconds"), "edition": EDITION, **attempt}
     if split == "sealed":
         scoreboard.parent.mkdir(parents=True, exist_ok=True)
         with scoreboard.open("a") as board:
@@ -59,12 +60,12 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     return {"split": split, "version": of, "left_out": left_out, "apart": apart} | figures(engine, pool)
 
 
-def every_version(scoreboard: Path = SCOREBOARD, beginning: str = "") -> Row:
-    """Figures of all sealed cases that any version has sat, or those whose hash has this beginning, and how many each did, the first version first.
+def every_version(scoreboard: Path = SCOREBOARD, beginning: str = "", edition: int = EDITION) -> Row:
+    """Figures of all sealed cases of an edition that any version has sat, or those whose hash has this beginning, and how many each did, the first version first.
 
     A case was new to the version that sat it, for its seed holds the code. Who made a version knew how those before it had fared.
     """
-    own = [a for a in _all(scoreboard) if a.get("engine", OWN) == OWN and a["version"].startswith(beginning)]
+    own = [a for a in _all(scoreboard, edition) if a.get("engine", OWN) == OWN and a["version"].startswith(beginning)]
     return figures(OWN, own) | {"versions": dict(Counter(version for version, _, _ in pooled(own)))}
 
 
@@ -93,7 +94,8 @@ def _of_version(scoreboard: Path, of: str) -> list[Row]:
     return [attempt for attempt in _all(scoreboard) if attempt["version"] == of]
 
 
-def _all(scoreboard: Path) -> list[Row]:
+def _all(scoreboard: Path, edition: int = EDITION) -> list[Row]:
     lines = scoreboard.read_text().splitlines() if scoreboard.exists() else []
     # the first version wrote NaN where there was nothing to locate
-    return [json.loads(line, parse_constant=lambda nan: None) for line in lines]
+    attempts = [json.loads(line, parse_constant=lambda nan: None) for line in lines]
+    return [attempt for attempt in attempts if attempt.get("edition", 1) == edition]

@@ -56,18 +56,23 @@ def strengths(fitted: Fitted) -> dict[str, dict[str, Any]]:
     found, sd, at = {}, np.sqrt(np.maximum(np.diag(fitted.covariance), 0)), 0
     for effect in fitted.effects:
         K = len(effect.strengths)
-        found[effect.name] = _strength(effect, fitted.θ(effect), sd[at : at + K])
+        found[effect.name] = strength(effect, fitted.θ(effect), sd[at : at + K])
         at += K
     return found
 
 
-def _strength(effect: Effect, θ: NDArray, sd: NDArray) -> dict[str, Any]:
-    value = float(θ[0]) if len(θ) == 1 else float(np.linalg.norm(θ))
-    spread = Z90 * (float(sd[0]) if len(θ) == 1 else float(np.sqrt(θ**2 @ sd**2) / max(value, 1e-30)))
-    row = {"value": value, "unit": effect.strengths[0].unit, "low": value - spread, "high": value + spread}
-    if len(θ) > 1:
-        row["components"] = dict(zip((s.symbol for s in effect.strengths), map(float, θ), strict=True))
-    return row
+def strength(effect: Effect, θ: NDArray, sd: NDArray) -> dict[str, Any]:
+    """value, unit and 90 % interval of strengths θ [K] with standard deviations sd [K]; of several the length of the vector, and `components`, symbol -> each."""
+    each = [_interval(float(t), float(s), symbol.unit) for t, s, symbol in zip(θ, sd, effect.strengths, strict=True)]
+    if len(each) == 1:
+        return each[0]
+    length = float(np.linalg.norm(θ))
+    whole = _interval(length, float(np.sqrt(θ**2 @ sd**2) / max(length, 1e-30)), effect.strengths[0].unit)
+    return whole | {"components": dict(zip((s.symbol for s in effect.strengths), each, strict=True))}
+
+
+def _interval(value: float, sd: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "low": value - Z90 * sd, "high": value + Z90 * sd}
 
 
 def sentence(found: Diagnosis) -> str:

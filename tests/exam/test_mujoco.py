@@ -117,7 +117,7 @@ def test_a_cloth_that_is_lost_is_said_to_be():
 
 @needs_mujoco
 def test_a_case_is_readable_reproducible_and_moves_by_what_was_asked():
-    question = Question(0, "single", {"air_normal_drag": 4.0}, None, "", "curtain", ("sway", "turn", "ball"), (5, 0))
+    question = Question(0, "single", {"air_normal_drag": 4.0}, (), "", "curtain", ("sway", "turn", "ball"), (5, 0))
     made = make(question, partial(make_with, exam_engine.simulate))
     for arrays in (*made.recordings, made.blind, made.held_out):
         track = tracked_geometry({k: np.asarray(v) for k, v in arrays.items()}, name="case")
@@ -128,7 +128,7 @@ def test_a_case_is_readable_reproducible_and_moves_by_what_was_asked():
 
 @needs_mujoco
 def test_two_engines_agree_on_a_cloth_without_causes():
-    question = Question(1, "null", {}, None, "plain", "curtain", ("sway", "turn", "ball"), (6, 1))
+    question = Question(1, "null", {}, (), "plain", "curtain", ("sway", "turn", "ball"), (6, 1))
     seen = []
     for once in (None, partial(make_with, exam_engine.simulate)):
         made = make(question, once)
@@ -145,7 +145,7 @@ def test_the_engines_cases_are_two_thirds_effects_a_quarter_nulls_and_all_its_na
 
 
 def test_every_effect_changes_what_the_engine_is_given():
-    question = Question(0, "null", {}, None, "plain", "skirt", ("sway", "turn", "walk"), (2, 0))
+    question = Question(0, "null", {}, (), "plain", "skirt", ("sway", "turn", "walk"), (2, 0))
     subject = drawn_subject(question, np.random.default_rng(0))
     sheet = subject.garment.coarse
     plain = job(subject, sheet, Laws(), 0)

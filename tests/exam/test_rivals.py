@@ -270,7 +270,6 @@ def test_who_says_it_refits_starts_from_the_shared_base_and_nobody_else_does(riv
         raise Asked
 
     monkeypatch.setattr(Case, "refitted", property(refused))
-    monkeypatch.setattr(finite_differences, "refitted", refused)  # its own, which is another
     try:
         rival.reply(replace(case(), effects=EFFECTS))
     except Asked:

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from flows import cli_exam
 from tasks.exam.scorer.beside import columns
-from tasks.exam.scorer.case import area_under_curve, closing, credit, most_changed, score
+from tasks.exam.scorer.case import area_under_curve, closing, credit, credits, most_changed, score
 from tasks.exam.scorer.demo import demo_scores
 from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
@@ -17,7 +17,7 @@ from tasks.exam.scorer.summary import calibration_error, summary
 OWN = {"split": "open", "version": None, "left_out": [], "engine": "own", "null_residual_mm": None, "too_small": [], "apart": {}}
 
 
-def truth(causes: dict[str, float], *, stratum: str = "single", withheld: str | None = None, multiple: float = 4.0) -> dict:
+def truth(causes: dict[str, float], *, stratum: str = "single", withheld: tuple[str, ...] = (), multiple: float = 4.0) -> dict:
     return {
         "question": {"number": 3, "stratum": stratum, "twist": "", "withheld": withheld},
         "causes": {n: {"strength": θ, "unit": "m2/kg"} for n, θ in causes.items()},
@@ -74,18 +74,51 @@ def test_a_pair_needs_both_names():
     assert (row["found"], row["right"], row["credit"]) == (1, False, 0.5)
 
 
+def test_names_in_any_class_of_the_verdict_count_against_a_single_cause():
+    """Otherwise a wrong name would be free as soon as it stood in a class of its own."""
+    split = score(truth({DRAG: 10.0}), answer("effect", [[DRAG], [HEM]], [([DRAG, HEM], 0.8), (["none"], 0.2)]))
+    assert split["credit"] == split["top1"] == 1 / 2
+    assert split["probability_of_truth"] == pytest.approx(0.4)
+    many = [[DRAG], [HEM], ["body_lag"], ["air_lift"], ["air_wind"]]
+    assert score(truth({DRAG: 10.0}), answer("effect", many, [([DRAG], 0.8)]))["credit"] == 0
+
+
+def test_of_a_pair_each_name_is_judged_without_what_may_stand_for_the_other():
+    both = truth({DRAG: 10.0, HEM: 1.0}, stratum="pair")
+    assert credits([DRAG, LINEAR, HEM], both) == [1, 1]
+    assert credits([DRAG, "body_lag"], both) == [1 / 2, 0]
+    assert credits([DRAG, HEM, "body_lag"], both) == [1 / 2, 1 / 2]
+
+
+def test_a_decoy_changes_nothing_about_what_is_right():
+    row = score(truth({DRAG: 10.0}, withheld=(HEM,)), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)]))
+    assert row["expected"] == "effect" and row["right"] and row["withheld"] == []
+
+
+def test_a_strength_among_several_is_compared_by_its_own_symbol():
+    """A slip of u m/s is no length of (u, q), and a curvature has a sign."""
+    told = answer("effect", [[DRAG]], [([DRAG], 1.0)])
+    own = {"value": -10.0, "unit": "m2/kg", "low": -12.0, "high": -9.0}
+    told["ranking"][0]["strength"][DRAG] |= {"components": {"κ₀": own, "Δκ": own | {"value": 3.0}}}
+    asked = truth({DRAG: -10.0})
+    asked["causes"][DRAG]["along"] = "κ₀"
+    assert score(asked, told)["strength_error"] == 0 and score(asked, told)["strength_covered"]
+    asked["causes"][DRAG]["along"] = None
+    assert score(asked, told)["strength_error"] == pytest.approx(1.9)
+
+
 def test_nulls_and_unknown_causes():
     none = answer("none", [], [(["none"], 0.8), ([DRAG], 0.2)])
     outside = answer("outside_library", [], [(["outside_library"], 0.7), ([DRAG], 0.3)])
     assert score(truth({}, stratum="null"), none)["right"]
-    withheld = score(truth({DRAG: 1.0}, stratum="outside", withheld=DRAG), outside)
+    withheld = score(truth({DRAG: 1.0}, stratum="outside", withheld=(DRAG,)), outside)
     assert withheld["expected"] == "outside_library" and withheld["right"] and withheld["covered"]
-    assert not score(truth({DRAG: 1.0}, stratum="outside", withheld=DRAG), none)["right"]
+    assert not score(truth({DRAG: 1.0}, stratum="outside", withheld=(DRAG,)), none)["right"]
 
 
 def test_no_answer_is_wrong_everywhere():
     row = score(truth({DRAG: 1.0}), None)
-    assert (row["credit"], row["top1"], row["probability_of_truth"], row["failed"]) == (0, 0, 0, True)
+    assert (row["credit"], row["top1"], row["probability_of_truth"], row["failed"], row["covered"]) == (0, 0, 0, True, False)
 
 
 def test_localisation_is_the_share_of_pairs_in_order():
@@ -116,6 +149,7 @@ def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
     assert row["closed"] == pytest.approx((9 - 1) / (9 - 1)) and not row["worse"]
     assert "closed" not in closing({"before": before, "after": after}, held_out, 0.025)
     assert closing({"before": after, "after": before}, held_out, 0.001)["worse"]
+    assert "worse" not in closing({"before": after, "after": after}, held_out, 0.001)  # nothing was carried over
 
 
 def test_wilson_against_the_textbook():
@@ -156,7 +190,10 @@ def test_the_listing_says_of_every_case_what_was_planted_and_what_was_answered()
         truth({"air_normal_drag": 10.0}, multiple=2.5),
         answer("effect", [["air_normal_drag"]], [(["air_normal_drag"], 0.9), (["none"], 0.1)]),
     )
-    lacking = score(truth({"air_lift": 10.0}, withheld="air_lift"), answer("none", [], [(["none"], 0.8), (["outside_library"], 0.2)]))
+    lacking = score(
+        truth({"air_lift": 10.0}, stratum="outside", withheld=("air_lift",)),
+        answer("none", [], [(["none"], 0.8), (["outside_library"], 0.2)]),
+    )
     failed = score(truth({}, stratum="null"), None)
     head, rule, *lines = listing([lacking | {"number": 9}, named | {"closed": 0.755}, failed | {"number": 12}])
     assert head == "| " + " | ".join(HEAD) + " |" and {text.count("|") for text in (head, rule, *lines)} == {len(HEAD) + 1}

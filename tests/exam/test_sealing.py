@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,16 @@ from tasks.exam.generator.strata import Question
 from tasks.exam.rivals.rival import Rival
 
 ROOT = Path(__file__).parents[2]
-QUESTION = Question(7, "single", {"air_lift": 4.0}, "air_lift", "", "curtain", ("sway", "turn", "ball"), (0, 7))
+QUESTION = Question(7, "single", {"air_lift": 4.0}, ("air_lift", "air_wind"), "", "curtain", ("sway", "turn", "ball"), (0, 7))
+
+ANSWER = {
+    "version": 1,
+    "verdict": {"kind": "none", "effects": [], "class": [], "probability": 1.0},
+    "ranking": [{"class": ["none"], "probability": 1.0, "strength": {}}],
+    "answer_set_90": ["none"],
+    "where": {},
+    "seconds": 1.0,
+}
 
 
 @pytest.fixture
@@ -24,7 +34,7 @@ def folder(tmp_path):
     x = np.zeros((3, 2, 3))
     arrays = {"vertices": x, "observed": np.ones((3, 2), bool), "boundary": np.zeros(0, np.int32)}
     truth = {
-        "question": {"number": 7, "stratum": "outside", "twist": "", "withheld": "air_lift"},
+        "question": {"number": 7, "stratum": "outside", "twist": "", "withheld": ["air_lift", "air_wind"]},
         "causes": {"air_lift": {"strength": 5.0, "unit": "m2/kg"}},
         "admissible": {"air_lift": ["air_lift"]},
         "multiple": 4.0,
@@ -105,7 +115,7 @@ def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, mon
     assert (folder.answer(7) / "stderr.txt").read_text() == "it broke"
 
 
-def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatch):
+def test_withheld_effects_are_left_out_and_answers_are_kept(folder, monkeypatch):
     calls = []
 
     def run(command, place):
@@ -121,7 +131,7 @@ def test_the_withheld_effect_is_left_out_and_answers_are_kept(folder, monkeypatc
     assert len(calls) == 1
     kept = {file.name: file.read_text() for file in folder.answer(7).iterdir() if file.name != "answer.json"}
     assert kept == {"report.html": "report.html", "report.json": "report.json", "stderr.txt": ""}  # what an answer rests on stays
-    assert calls[0][calls[0].index("--without") + 1] == "air_lift"
+    assert [name for word, name in pairwise(calls[0]) if word == "--without"] == ["air_lift", "air_wind"]
 
 
 def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
@@ -200,6 +210,30 @@ def test_cases_of_every_version_are_told_together(folder, tmp_path, monkeypatch)
     assert located["cases"] == 0
     assert found["cases"] == 4 and found["versions"] == {exam.version(): 1, "older": 3}
     assert exam_scoreboard.every_version(board, "old")["versions"] == {"older": 3}
+
+
+def test_another_edition_of_the_exam_is_not_pooled_with_this_one(folder, tmp_path, monkeypatch):
+    """Other questions and marks; the lines of the first say nothing of it."""
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    board = tmp_path / "board.jsonl"
+    exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+    line = json.loads(board.read_text())
+    assert line.pop("edition") == exam_scoreboard.EDITION
+    board.write_text(json.dumps(line) + "\n")
+    assert exam_scoreboard.every_version(board)["cases"] == 0 and not exam_scoreboard.attempts(board, exam.version())
+    assert exam_scoreboard.every_version(board, edition=1)["cases"] == 1
+
+
+def test_what_a_rival_closes_is_told_against_the_diagnosis_own_before(folder):
+    """A worse base of its own would leave a rival more to close."""
+    x = np.zeros((3, 2, 3))
+    for rival, before in ((None, 0.01), ("guess", 0.05)):
+        folder.keep_answer(7, rival, None, {}, "")
+        (folder.answer(7, rival) / "answer.json").write_text(json.dumps(ANSWER))
+        np.savez(folder.answer(7, rival) / "pred.npz", before=x + np.array([before, 0, 0]), after=x + np.array([0.02, 0, 0]))
+    assert exam.mark(folder, 7)["before_mm"] == pytest.approx(10)
+    assert exam.mark(folder, 7, "guess")["before_mm"] == pytest.approx(10) and exam.mark(folder, 7, "guess")["worse"]
 
 
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):

@@ -27,17 +27,17 @@ class Body:
     bone: NDArray[np.int32]
 
     def placed(self, pose: Pose, t: float) -> "Placed":
-        """The capsules at time t and how their ends move."""
+        """The capsules at time t and how they move."""
         (R0, p0), (R1, p1) = pose(t - TICK), pose(t + TICK)
         R, p = pose(t)
 
         def ends(R: Array, p: Array, x: Array) -> Array:
             return np.einsum("kij,kj->ki", R[self.bone], x) + p[self.bone]
 
-        va, vb = ((ends(R1, p1, x) - ends(R0, p0, x)) / (2 * TICK) for x in (self.a, self.b))
+        va = (ends(R1, p1, self.a) - ends(R0, p0, self.a)) / (2 * TICK)
         dR = (R1 - R0) / (2 * TICK) @ R.transpose(0, 2, 1)
         ω = np.stack([dR[:, 2, 1], dR[:, 0, 2], dR[:, 1, 0]], 1)[self.bone]
-        return Placed(ends(R, p, self.a), ends(R, p, self.b), self.radius, va, vb, ω)
+        return Placed(ends(R, p, self.a), ends(R, p, self.b), self.radius, va, ω)
 
     def mesh(self, pose: Pose, times: Array) -> tuple[Array, Faces]:
         """Vertices [T, C, 3] and faces [G, 3]: closed pieces, one per capsule, that may reach into one another."""
@@ -56,22 +56,17 @@ class Body:
 
 @dataclass(frozen=True)
 class Placed:
-    """Capsules at one moment: ends a, b [K, 3], radius [K], velocities of a's material va, vb [K, 3] m/s, spin ω [K, 3] 1/s."""
+    """Capsules at one moment: ends a, b [K, 3], radius [K], velocity of a's material va [K, 3] m/s, spin ω [K, 3] 1/s."""
 
     a: Array
     b: Array
     radius: Array
     va: Array
-    vb: Array
     ω: Array
 
     def distance(self, x: Array) -> tuple[Array, Array]:
         """Distance [K, V] m of points x [V, 3] to each capsule and its gradient [K, V, 3]."""
         return _distance(x, self.a, self.b, self.radius)
-
-    def velocity(self, k: int, x: Array) -> Array:
-        """Velocity [V, 3] m/s of the material of capsule k at x [V, 3]."""
-        return self.va[k] + np.cross(self.ω[k], x - self.a[k])
 
 
 @njit(cache=True, nogil=True)

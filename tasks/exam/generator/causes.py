@@ -27,8 +27,8 @@ G = 9.81
 class Conditions:
     """Everything but the motion: the fabric, contact, gravity, forces on nodes; and how it is recorded.
 
-    body_late [s]: the collider is recorded that late against the garment. slip (u [m/s], q): the pinned nodes creep down and lag in turns, which
-    is not recorded. smoothing [s]: standard deviation in time of the tracker's average.
+    body_late [s]: the collider is recorded that late against the garment. slip [m/s]: the pinned nodes creep down, which is not recorded.
+    smoothing [s]: standard deviation in time of the tracker's average.
     """
 
     sheet: Sheet
@@ -38,7 +38,7 @@ class Conditions:
     gravity: tuple[float, float, float] = (0.0, -G, 0.0)
     forces: tuple[NodeForce, ...] = ()
     body_late: float = 0.0
-    slip: tuple[float, float] = (0.0, 0.0)
+    slip: float = 0.0
     smoothing: float = 0.0
 
     @property
@@ -57,10 +57,11 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Cause:
-    """strength(s) in `unit`: a guess to begin with and the largest that is plausible; `apply(conditions, θ)`.
+    """A strength in `unit`: a guess to begin with and the largest that is plausible, which the diagnosis may fit; `apply(conditions, θ)`.
 
-    symmetric: the sign is drawn. moves: whether the cloth moves differently (otherwise only its recording does). local: where it acts is part
-    of the question. needs: kinds of garment that can show it. order: displacement grows with θ to this power.
+    symmetric: the sign is drawn. moves: whether the cloth moves differently (otherwise only its recording does). local: where it acts is part of the
+    question. touches: it acts where the body is. needs: kinds of garment that can show it. order: displacement grows with θ to this power. along: symbol of
+    the strength that θ is, where the effect has several; None where θ is the size of them all.
     """
 
     name: str
@@ -71,8 +72,10 @@ class Cause:
     symmetric: bool = False
     moves: bool = True
     local: bool = False
+    touches: bool = False
     needs: tuple[str, ...] = ("skirt", "curtain", "cape", "sleeve")
     order: float = 1.0
+    along: str | None = None
 
 
 def _block(c: Array, n: Array) -> Array:
@@ -171,7 +174,7 @@ def pressure(p: float) -> NodeForce:
     return force
 
 
-def cling(strength: float, density: float) -> NodeForce:
+def cling(strength: float) -> NodeForce:
     """Attraction to the body: acceleration `strength` [m/s²] that fades over 1 cm."""
 
     def force(m: Moment) -> tuple[Array, Array]:
@@ -263,38 +266,38 @@ CAUSES = {
     c.name: c
     for c in (
         Cause("air_normal_drag", "m2/kg", 8.0, 25.0, lambda c, θ: c.acting(normal_drag(θ * c.density))),
-        Cause("air_tangential_drag", "m2/kg", 2.0, 8.0, lambda c, θ: c.acting(tangential_drag(θ * c.density))),
+        Cause("air_tangential_drag", "m2/kg", 2.0, 4.0, lambda c, θ: c.acting(tangential_drag(θ * c.density))),
         Cause("air_linear_drag", "1/s", 2.0, 4.0, lambda c, θ: c.acting(linear_drag(θ * c.density))),
         Cause("air_lift", "m2/kg", 5.0, 15.0, lambda c, θ: c.acting(lift(θ * c.density))),
         Cause("air_added_mass", "1", 1.0, 5.0, lambda c, θ: c.acting(added_mass(θ * c.density))),
         Cause("air_wind", "m/s", 0.5, 2.0, lambda c, θ: c.acting(wind(WIND_DRAG * c.density, _steady(θ, 0.7))), order=2.0),
-        Cause("fabric_membrane_damping", "s", 1e-2, 4e-2, lambda c, θ: c.made_of(membrane_viscosity=θ)),
+        Cause("fabric_membrane_damping", "s", 1e-2, 2e-2, lambda c, θ: c.made_of(membrane_viscosity=θ)),
         Cause("fabric_bending_damping", "s", 3e-2, 2e-1, lambda c, θ: c.made_of(bending_viscosity=θ)),
         Cause("fabric_mass_damping", "1/s", 1.0, 3.0, lambda c, θ: c.acting(mass_damping(θ))),
         Cause("fabric_bending_hysteresis", "m3/s2", 1.5e-3, 7e-3, lambda c, θ: c.made_of(bending_friction=θ * c.density)),
         Cause("fabric_shear_hysteresis", "m2/s2", 5.0, 25.0, lambda c, θ: c.made_of(shear_friction=θ * c.density)),
-        Cause("fabric_orthotropy", "1", 0.8, 1.6, lambda c, θ: c.made_of(orthotropy=θ), symmetric=True, needs=("curtain",)),
+        Cause("fabric_orthotropy", "1", 0.8, 1.2, lambda c, θ: c.made_of(orthotropy=θ), symmetric=True, needs=("curtain",)),
         Cause("fabric_stiffening", "1", 1000.0, 1e4, lambda c, θ: c.made_of(stiffening=θ)),
         Cause("fabric_density_gradient", "1", 0.5, 1.0, _graded, symmetric=True, needs=UPRIGHT),
         Cause("fabric_hem_mass", "m", 0.05, 0.25, _hemmed, local=True),
-        Cause("fabric_seam_stiffness", "1", 2.0, 3.5, _sewn, local=True, needs=SEWN),
+        Cause("fabric_seam_stiffness", "1", 2.0, 3.0, _sewn, local=True, needs=SEWN),
         Cause("fabric_rest_scale", "1", 0.02, 0.1, lambda c, θ: c.made_of(rest_scale=np.exp(θ) - 1), symmetric=True),
-        Cause("fabric_rest_curvature", "1/m", 5.0, 20.0, lambda c, θ: c.made_of(rest_curvature=θ), symmetric=True),
+        Cause("fabric_rest_curvature", "1/m", 5.0, 20.0, lambda c, θ: c.made_of(rest_curvature=θ), symmetric=True, along="κ₀"),
         Cause("fabric_crease", "1", 0.5, 1.0, lambda c, θ: c.made_of(crease=θ)),
-        Cause("contact_friction", "1", 0.4, 1.0, lambda c, θ: replace(c, friction=c.friction + θ), local=True, needs=BODIES),
-        Cause("contact_thickness", "m", 0.004, 0.012, lambda c, θ: replace(c, offset=c.offset + θ), local=True, needs=BODIES),
-        Cause("body_offset", "m", 0.006, 0.02, lambda c, θ: replace(c, offset=c.offset + θ), local=True, needs=BODIES),
-        Cause("body_lag", "s", 0.033, 0.1, lambda c, θ: replace(c, body_late=θ), local=True, needs=BODIES),
-        Cause("boundary_slip", "m/s", 0.008, 0.03, lambda c, θ: replace(c, slip=(θ, 0.0)), needs=("skirt", "cape", "curtain")),
-        Cause("observation_delay", "s", 0.033, 0.1, lambda c, θ: replace(c, body_late=-θ), local=True, needs=BODIES),
+        Cause("contact_friction", "1", 0.4, 1.0, lambda c, θ: replace(c, friction=c.friction + θ), local=True, touches=True, needs=BODIES),
+        Cause("contact_thickness", "m", 0.004, 0.01, lambda c, θ: replace(c, offset=c.offset + θ), local=True, touches=True, needs=BODIES),
+        Cause("body_offset", "m", 0.006, 0.02, lambda c, θ: replace(c, offset=c.offset + θ), local=True, touches=True, needs=BODIES),
+        Cause("body_lag", "s", 0.033, 0.1, lambda c, θ: replace(c, body_late=θ), local=True, touches=True, needs=BODIES),
+        Cause("boundary_slip", "m/s", 0.008, 0.02, lambda c, θ: replace(c, slip=θ), needs=("skirt", "cape", "curtain"), along="u"),
+        Cause("observation_delay", "s", 0.033, 0.1, lambda c, θ: replace(c, body_late=-θ), local=True, touches=True, needs=BODIES),
         Cause("observation_smoothing", "s2", 2e-3, 0.01, lambda c, θ: replace(c, smoothing=np.sqrt(θ)), moves=False),
         Cause("observation_scale", "1", 0.01, 0.05, _scaled, symmetric=True),
-        Cause("gravity_tilt", "rad", 0.03, 0.12, lambda c, θ: replace(c, gravity=tilted(θ))),
+        Cause("gravity_tilt", "rad", 0.03, 0.09, lambda c, θ: replace(c, gravity=tilted(θ))),
         # what the library does not have
         Cause("wind_gusts", "m/s", 1.2, 5.0, lambda c, θ: c.acting(wind(WIND_DRAG * c.density, _gusts(θ))), order=1.5),
         Cause("print_stiffness", "1", 2.0, 5.0, _printed, local=True),
         Cause("sleeve_pressure", "Pa", 0.3, 5.0, lambda c, θ: c.acting(pressure(θ)), needs=("sleeve", "skirt")),
-        Cause("static_cling", "m/s2", 3.0, 40.0, lambda c, θ: c.acting(cling(θ, c.density)), needs=SEWN),
+        Cause("static_cling", "m/s2", 3.0, 40.0, lambda c, θ: c.acting(cling(θ)), touches=True, needs=SEWN),
     )
 }
 OUTSIDE = ("wind_gusts", "print_stiffness", "sleeve_pressure", "static_cling")

@@ -102,10 +102,7 @@ def tailor(form: Cut, coarse_count: int, fineness: float, rng: np.random.Generat
     face, weights = locate(form.pattern, fine, *_points(coarse))
     uv = None if form.pattern.sewn else form.pattern.place(*_points(coarse)) * [1, -1]
     fine_sheet = _sheet(form, fine)
-    coarse_sheet = _sheet(form, coarse)
-    rest = np.einsum("ckd,ck->cd", fine_sheet.rest[fine_sheet.faces[face]], weights)
-    coarse_sheet = Sheet(rest, coarse_sheet.faces, coarse_sheet.flat, coarse_sheet.t, coarse_sheet.pinned, coarse_sheet.seam)
-    return Garment(form.kind, fine_sheet, coarse_sheet, fine_sheet.faces[face], weights, uv)
+    return Garment(form.kind, fine_sheet, _sheet(form, coarse), fine_sheet.faces[face], weights, uv)
 
 
 def _points(mesh: FlatMesh) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from tasks.exam.generator.garments import Sheet
 from tasks.exam.generator.membrane import POISSON
 from tasks.exam.generator.observation import smoothed
 from tasks.exam.generator.recording import Made, Sizes, recorded, shown, tracked
-from tasks.exam.generator.rehearsal import ROUGHEST, rms, strength
+from tasks.exam.generator.rehearsal import ROUGHEST, least, rms, strength
 from tasks.exam.generator.self_contact import SelfContact
 from tasks.exam.generator.strata import Question
 from tasks.exam.generator.subject import FPS, FRAMES, Subject, Tracker, Unmakeable, drawn_subject
@@ -82,8 +82,9 @@ OUTSIDE = tuple(name for name in EFFECTS if name not in LIBRARY)
 NAMES_AND_OUTSIDE = NAMES, OUTSIDE
 
 
-def make_with(engine: Engine, q: Question, rng: np.random.Generator) -> Made:
-    """The case from one draw. Raises ArithmeticError where the engine loses the cloth, Unmakeable where it cannot show its cause."""
+def make_with(engine: Engine, q: Question, rng: np.random.Generator, share: float) -> Made:
+    """The case from one draw; share: of the magnitude asked that its cause must reach. Raises ArithmeticError where the engine loses the cloth, Unmakeable
+    where it cannot show its cause."""
     subject = drawn_subject(q, rng)
     subject = replace(subject, tracker=Tracker(SIGMA, subject.tracker.white, subject.tracker.dropped))
     fine, coarse = subject.garment.fine, subject.garment.coarse
@@ -100,13 +101,14 @@ def make_with(engine: Engine, q: Question, rng: np.random.Generator) -> Made:
     for name, multiple in q.causes.items():
         sign = -1.0 if CAUSES[name].symmetric and rng.uniform() < 0.5 else 1.0
         tried = partial(_rehearsed, engine, subject, name, plain=settled)
-        strengths[name] = strength(CAUSES[name], tried, multiple * floor, floor, sign)
+        strengths[name] = strength(CAUSES[name], tried, multiple * floor, least(multiple, share) * floor, sign)
         laws = EFFECTS[name](laws, strengths[name])
     first, change = plain, None
     if strengths:
         out = engine(job(subject, fine, laws, 0), job(subject, fine, Laws(), 0))
         first, change = _uncrossed(subject, fine, out["x"]), _changed(subject, out["change"])
-    ways = (first, *(_motion(engine, subject, job(subject, fine, laws, k, first[0])) for k in (1, 2)))
+    start = first[0] if laws.late <= 0 else None  # a body that is ahead stands elsewhere in every recording's first frame
+    ways = (first, *(_motion(engine, subject, job(subject, fine, laws, k, start)) for k in (1, 2)))
     seen = [tracked(subject, k, subject.reported(x), laws.smoothing) for k, x in enumerate(ways)]
     moved = shown(seen[0], tracked(subject, 0, subject.reported(plain), 0.0), floor, asked=bool(strengths))
     return recorded(q, subject, seen, strengths, Sizes(moved, subject.tracker.rms, numerics), change, rng)

@@ -67,11 +67,14 @@ def recorded(
             "number": q.number,
             "stratum": q.stratum,
             "twist": q.twist,
-            "withheld": q.withheld,
+            "withheld": list(q.withheld),
             "kind": q.kind,
             "motions": q.motions,
         },
-        "causes": {n: {"strength": θ, "unit": CAUSES[n].unit, "asked_multiple": q.causes[n]} for n, θ in strengths.items()},
+        "causes": {
+            n: {"strength": θ, "unit": CAUSES[n].unit, "along": CAUSES[n].along, "asked_multiple": q.causes[n]}
+            for n, θ in strengths.items()
+        },
         "admissible": {n: sorted(admissible(n)) for n in strengths},
         "magnitude_mm": 1e3 * sizes.moved,
         "multiple": sizes.moved / sizes.floor,
@@ -79,7 +82,7 @@ def recorded(
         "noise_mm": 1e3 * sizes.noise,
         "numerics_mm": 1e3 * sizes.numerics,
         "base": subject.numbers(),
-        "local": any(CAUSES[n].local for n in strengths),
+        "local": bool(strengths) and all(CAUSES[n].local for n in strengths),
         "acceleration": None if change is None else change.tolist(),
     }
     return Made(tuple(recordings[:2]), _blinded(recordings[2]), recordings[2], truth)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.exam.generator import observation
-from tasks.exam.generator.causes import Cause
+from tasks.exam.generator.causes import Cause, Conditions
 from tasks.exam.generator.stepper import State, Stepper
-from tasks.exam.generator.subject import FPS, Subject, Unmakeable, states
+from tasks.exam.generator.subject import FPS, Subject, TooFaint, Unmakeable, states
 
 Array = NDArray[np.float64]
 COARSE_STEPS = 3  # per frame
 ROUGHEST = 10e-3  # m: a scene in which discretisation does more than this is too chaotic to be asked about
-FAINTEST = 1.0  # floors that a cause must reach at its strongest
+FAINTEST = 1.0  # floors that a cause must reach at its strongest, where less than that is not asked
 
 
 def rms(d: Array) -> float:
@@ -25,8 +25,8 @@ def rms(d: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(d**2, -1))))
 
 
-def numerics(subject: Subject, plain: Array) -> tuple[float, Array]:
-    """Root mean square distance [m] of the base run `plain` [T, C, 3] from one on the coarse mesh in other steps, and that one.
+def numerics(subject: Subject, plain: Array) -> float:
+    """Root mean square distance [m] of the base run `plain` [T, C, 3] from one on the coarse mesh in other steps.
 
     Both start from the same places, as a diagnosis would start from the first frame. Raises Unmakeable where they part too far.
     """
@@ -36,13 +36,18 @@ def numerics(subject: Subject, plain: Array) -> tuple[float, Array]:
     x = np.stack([s.x for s in states(stepper, start, COARSE_STEPS)])
     if rms(x - plain) > ROUGHEST:
         raise Unmakeable(f"two meshes of it differ by {1e3 * rms(x - plain):.3g} mm")
-    return rms(x - plain), x
+    return rms(x - plain)
 
 
-def strength(cause: Cause, moved: Callable[[float], float], wanted: float, floor: float, sign: float) -> float:
+def least(multiple: float, share: float) -> float:
+    """Floors that a cause must reach at its strongest, asked for at `multiple` floors: that share of them, and one where one was asked."""
+    return max(share * multiple, min(multiple, FAINTEST))
+
+
+def strength(cause: Cause, moved: Callable[[float], float], wanted: float, least: float, sign: float) -> float:
     """Strength at which a cause moves the garment by `wanted` [m]; moved(θ) [m] tries one. One trial, a second where the first is far off.
 
-    Where that is more than is plausible the strongest that is serves. Raises Unmakeable where even that stays below the floor.
+    Where that is more than is plausible the strongest that is serves. Raises TooFaint where even that stays below `least` [m].
     """
     θ = cause.guess
     for _ in range(2):
@@ -51,15 +56,20 @@ def strength(cause: Cause, moved: Callable[[float], float], wanted: float, floor
         θ = float(np.clip(needed, 0.02 * cause.guess, cause.most))
         if 0.6 < ratio < 1.7:
             break
-    if needed > (wanted / min(wanted, FAINTEST * floor)) ** (1 / cause.order) * cause.most:
-        raise Unmakeable(f"{cause.name} at its strongest stays below the floor of {1e3 * floor:.3g} mm")
+    share = min(1.0, (cause.most / needed) ** cause.order)
+    if share * wanted < least:
+        raise TooFaint(f"{cause.name} at its strongest moves it by {1e3 * share * wanted:.3g} mm, not {1e3 * least:.3g}", share)
     return sign * θ
 
 
+def still_run(subject: Subject, c: Conditions) -> Array:
+    """Positions [T, C, 3] of the coarse mesh in the first recording, from where it hangs still under these conditions."""
+    stepper = Stepper(subject.world(c, 0))
+    return np.stack([s.x for s in states(stepper, subject.still(stepper, 0), COARSE_STEPS)])
+
+
 def rehearsed(subject: Subject, cause: Cause, θ: float, plain: Array) -> float:
-    """Displacement [m] of the coarse mesh, whose base run is `plain`, under a cause of strength θ, as it would be recorded."""
-    x, c = plain, cause.apply(subject.conditions(subject.garment.coarse), θ)
-    if cause.moves:
-        stepper = Stepper(subject.world(c, 0))
-        x = np.stack([s.x for s in states(stepper, subject.still(stepper, 0), COARSE_STEPS)])
+    """Displacement [m] of the coarse mesh under a cause of strength θ, as it would be recorded; plain: its run without, which hung still as well."""
+    c = cause.apply(subject.conditions(subject.garment.coarse), θ)
+    x = still_run(subject, c) if cause.moves else plain
     return rms(observation.smoothed(x, FPS, c.smoothing) - plain)

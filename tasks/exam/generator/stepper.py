@@ -57,7 +57,7 @@ NodeForce = Callable[[Moment], tuple[Array, Array]]  # force [V, 3] and −∂f/
 class World:
     """All that acts on a sheet: fabric, friction with the body, how far the body stands out [m], gravity [3], forces on nodes, motion.
 
-    pinned(t) -> [B, 3] m places of the pinned nodes.
+    pinned(t) -> [B, 3] m places of the pinned nodes. begins [s]: until then everything is still.
     """
 
     sheet: Sheet
@@ -69,6 +69,7 @@ class World:
     offset: float = 0.0
     gravity: tuple[float, float, float] = (0.0, -9.81, 0.0)
     forces: tuple[NodeForce, ...] = ()
+    begins: float = 0.0
 
 
 @dataclass
@@ -83,7 +84,7 @@ class State:
 
 
 class Stepper:
-    """Steps one world; `worst` is the largest acceleration [m/s²] ever left over."""
+    """Steps one world."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -94,25 +95,24 @@ class Stepper:
         self.self_contact = SelfContact(world.sheet.rest, self.elements.faces, density)
         self.fixed = np.zeros(len(world.sheet.rest), bool)
         self.fixed[world.sheet.pinned] = True
-        self.worst = 0.0
-        self.solves = 0
 
     def rest(self, x: Array, *, seconds: float = 1.2, damping: float = 6.0) -> State:
-        """Hanging still at time 0, from x [V, 3]: backward Euler under heavy damping, with everything held where it is at time 0."""
+        """Hanging still when the world begins, from x [V, 3]: backward Euler under heavy damping, with everything held where it is then."""
+        t = self.world.begins
         still = replace(self.world, forces=(*self.world.forces, _brake(damping)))
         settling, self.world = self.world, still
-        state = State(x.copy(), np.zeros_like(x), np.zeros_like(x), 0.0, self.elements.memory(x))
+        state = State(x.copy(), np.zeros_like(x), np.zeros_like(x), t, self.elements.memory(x))
         h, done = 0.005, 0.0
         try:
             while done < seconds:
-                state = self._stage(state, state.x, state.v, self._kept(state, 0.0, h), h, 0.0)
+                state = self._stage(state, state.x, state.v, self._kept(state, 0.0), h, t)
                 done += h
                 h = min(1.2 * h, 0.03)
         finally:
             self.world = settling
         at_rest = self.elements.memory(state.x) if not self.elements.remembers else replace(state.memory)
         at_rest.e_rate, at_rest.φ_rate = 0 * at_rest.e_rate, 0 * at_rest.φ_rate
-        return State(state.x, np.zeros_like(x), np.zeros_like(x), 0.0, at_rest)
+        return State(state.x, np.zeros_like(x), np.zeros_like(x), t, at_rest)
 
     def frames(self, start: State, times: Sequence[float], steps: int) -> Iterator[State]:
         """The state at every one of `times`, the first of which is the start's; `steps` between two of them."""
@@ -138,7 +138,7 @@ class Stepper:
         force = self.contact.normal_force
         try:
             s = SHARE * h
-            middle = self._stage(old, old.x + s * old.v, old.v + s * old.a, self._kept(old, s, s), s, old.t + GAMMA * h)
+            middle = self._stage(old, old.x + s * old.v, old.v + s * old.a, self._kept(old, s), s, old.t + GAMMA * h)
             c1, c2 = 1 / (GAMMA * (2 - GAMMA)), (1 - GAMMA) ** 2 / (GAMMA * (2 - GAMMA))
             m, o = middle.memory, old.memory
             kept = (c1 * m.e - c2 * o.e, c1 * m.φ - c2 * o.φ)
@@ -149,7 +149,7 @@ class Stepper:
             self.contact.normal_force = force
             return self._step(self._step(old, h / 2, halvings - 1), h / 2, halvings - 1)
 
-    def _kept(self, state: State, s: float, _: float) -> tuple[Array, Array]:
+    def _kept(self, state: State, s: float) -> tuple[Array, Array]:
         """ê, φ̂ of a stage that starts at `state`: with s = 0 backward Euler."""
         m = state.memory
         return m.e + s * m.e_rate, m.φ + s * m.φ_rate
@@ -183,7 +183,6 @@ class Stepper:
                 continue
             convex = left > 0.5 * before or left > EXACT_BELOW
             before = left
-            self.solves += 1
             p *= min(1.0, 0.05 / max(np.abs(p).max(), 1e-12))
             p = self.contact.shortened(x, p, body)
             stride = np.abs(p).max()
@@ -192,7 +191,6 @@ class Stepper:
         else:
             if left > 100 * TOLERANCE:
                 raise Diverged
-        self.worst = max(self.worst, float(left))
         self.contact.remember(x, body)
         memory = Memory(
             strain,

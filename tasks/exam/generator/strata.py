@@ -33,8 +33,7 @@ _CLASSES = (
 )
 
 
-_TWINS = ("body_offset", "contact_thickness", "body_lag", "observation_delay", "fabric_rest_scale", "observation_scale")
-WITHHELD = tuple(n for n in LIBRARY if n not in _TWINS)  # of those, the other one stays, and is no wrong name
+DECOYS = 0.2  # share of the other cases whose diagnosis must do without effects that are not there either: being without one tells nothing
 
 
 def admissible(name: str) -> frozenset[str]:
@@ -44,12 +43,12 @@ def admissible(name: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Question:
-    """One case before it is made. causes: name -> multiple of the floor; withheld: the effect that the diagnosis must do without; twist: variant."""
+    """One case before it is made. causes: name -> multiple of the floor; withheld: effects that the diagnosis must do without; twist: variant."""
 
     number: int
     stratum: str
     causes: dict[str, float]
-    withheld: str | None
+    withheld: tuple[str, ...]
     twist: str
     kind: str
     motions: tuple[str, str, str]
@@ -73,7 +72,7 @@ def _engine_question(number: int, stratum: str, place: int, seed: int, names: di
         twist = NULLS[place % len(NULLS)]
     else:
         causes = {_turn(names[stratum], place, seed): ENGINE_MAGNITUDES[place % len(ENGINE_MAGNITUDES)]}
-    return drawn(Question(number, stratum, causes, None, twist, "", ("", "", ""), (seed, number, ENGINE_SEED)), 0)
+    return drawn(Question(number, stratum, causes, (), twist, "", ("", "", ""), (seed, number, ENGINE_SEED)), 0)
 
 
 def _interleaved(count: int, strata: dict[str, int]) -> list[tuple[str, int]]:
@@ -89,25 +88,34 @@ def _interleaved(count: int, strata: dict[str, int]) -> list[tuple[str, int]]:
 
 def _question(number: int, stratum: str, place: int, seed: int) -> Question:
     rng = np.random.default_rng([seed, number])
-    withheld, twist, causes = None, "", {}
+    withheld, twist, causes = (), "", {}
     if stratum == "single":
         causes = {_turn(LIBRARY, place, seed): MAGNITUDES[place % 4]}
     elif stratum == "pair":
         first = _turn(LIBRARY, place, seed + 1)
-        far = [n for n in LIBRARY if n.split("_")[0] != first.split("_")[0] and set(CAUSES[n].needs) & set(CAUSES[first].needs)]
+        far = [n for n in LIBRARY if not admissible(n) & admissible(first) and set(CAUSES[n].needs) & set(CAUSES[first].needs)]
+        far = [n for n in far if n.split("_")[0] != first.split("_")[0]]
         causes = {first: 4.0, str(rng.choice(far)): 4.0}
     elif stratum == "null":
         twist = NULLS[place % len(NULLS)]
     elif stratum == "outside":
         if place % 2:
-            withheld = _turn(WITHHELD, place // 2, seed + 2)
-            causes = {withheld: 4.0}
+            name = _turn(LIBRARY, place // 2, seed + 2)
+            withheld, causes = tuple(sorted(admissible(name))), {name: 4.0}
         else:
             causes = {OUTSIDE[place // 2 % len(OUTSIDE)]: MAGNITUDES[1 + place // 8 % 3]}
     else:
         twist = INSEPARABLE[place % len(INSEPARABLE)]
         causes = {} if twist == "density" else {twist: 4.0}
+    if stratum != "outside" and rng.uniform() < DECOYS:
+        withheld = _beside(causes, rng)
     return drawn(Question(number, stratum, causes, withheld, twist, "", ("", "", ""), (seed, number)), 0)
+
+
+def _beside(causes: dict[str, float], rng: np.random.Generator) -> tuple[str, ...]:
+    """A class of effects that may not stand for any of the causes."""
+    near = frozenset().union(*(admissible(n) for n in causes))
+    return tuple(sorted(admissible(str(rng.choice([n for n in LIBRARY if not admissible(n) & near])))))
 
 
 def drawn(question: Question, attempt: int) -> Question:
@@ -123,10 +131,10 @@ def _turn(names: tuple[str, ...], place: int, seed: int) -> str:
 
 
 def _motions(kind: str, causes: dict[str, float], rng: np.random.Generator) -> tuple[str, str, str]:
-    """Three different motions; what acts by contact only gets the one that makes contact among the first two."""
+    """Three different motions; what acts where the body is gets the one that makes contact among the first two."""
     order = [str(m) for m in rng.permutation(MOTIONS[kind])]
     touching = {"curtain": "ball", "skirt": "walk", "cape": "arms", "sleeve": "elbow"}[kind]
-    if any(CAUSES[n].local or "body" in n or "delay" in n for n in causes):
+    if any(CAUSES[n].touches for n in causes):
         order.remove(touching)
         order.insert(int(rng.integers(2)), touching)
     return order[0], order[1], order[2]

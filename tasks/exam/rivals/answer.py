@@ -6,7 +6,7 @@ import numpy as np
 
 from tasks.effects.model import Model
 from tasks.exam.rivals.rival import NONE, OUTSIDE, Array, Names, Reply, Rival
-from tasks.gap.answer import VERSION, Z90
+from tasks.gap.answer import VERSION, strength
 
 SHARED = 0.9  # probability that an answer set must hold
 
@@ -71,10 +71,7 @@ def _strengths(reply: Reply, names: Names) -> dict[str, dict[str, Any]]:
     found = {}
     for effect in reply.after.effects:
         if effect.name in names and effect.name in reply.deviation:
-            θ, sd = reply.after.strength(effect), reply.deviation[effect.name]
-            value = float(θ[0]) if len(θ) == 1 else float(np.linalg.norm(θ))
-            spread = Z90 * float(sd[0] if len(θ) == 1 else np.sqrt(θ**2 @ sd**2) / max(value, 1e-30))
-            found[effect.name] = {"value": value, "unit": effect.strengths[0].unit, "low": value - spread, "high": value + spread}
+            found[effect.name] = strength(effect, reply.after.strength(effect), reply.deviation[effect.name])
     return found
 
 

@@ -3,7 +3,7 @@
     S_j = (x(θ + δ_j e_j) − x(θ))/δ_j,      AIC = n log(RSS/n) + 2k,      weight of a model ∝ exp(−½ AIC)
 
 Terms are chosen in the linear model; each model on the way is then simulated, and weighed by the RSS that it has.
-What it is: the textbook way, with the same simulator, start and library. What it is not: no windows (over a second cloth is chaotic, and so are the
+What it is: the textbook way, with the same simulator, base and library. What it is not: no windows (over a second cloth is chaotic, and so are the
 differences), no uncertain start, no numerics, no recording kept out. A parameter whose simulation does not get as far as the base is left out.
 
 Source: Akaike 1974; Efroymson 1960 (stepwise regression); weights as in Burnham & Anderson 2002, § 2.9.
@@ -26,8 +26,6 @@ from tasks.exam.rivals.rival import NONE, Array, Case, Reply, Rival
 
 STEP = 0.1  # δ of a strength, in typical strengths
 LOG_STEP = 0.05  # δ of a base parameter's logarithm
-ROUNDS = 3  # of the base refit
-SHARES = (1.0, 0.5, 0.2)  # of a Gauss–Newton step that are tried
 MOST = 4  # names: an answer with more counts as none
 Started = tuple[Recording, States]  # its collider drawn in once, for simulations that are subtracted must meet the same body
 
@@ -56,8 +54,8 @@ class Differences:
 
 def finite_differences(case: Case) -> Reply:
     """The model at which stepwise selection stops."""
-    started = list(case.run(_started, [(case.model, recording) for recording in case.recordings]))
-    base = refitted(case.model, started, case.run)
+    base = case.refitted[1].model
+    started = list(case.run(_started, [(base, recording) for recording in case.recordings]))
     found = differences(base, started, case.effects, case.run)
     path = stepwise(partial(found.fit, case.effects), case.effects, found.aic)
     models = [base, *(applied(base, f.effects, f.base, f.strengths) for f in path[1:])]
@@ -89,20 +87,6 @@ def stepwise(fits: Callable[[tuple[Effect, ...]], Fit], effects: Sequence[Effect
             break
         path.append(best)
     return path
-
-
-def refitted(model: Model, started: Sequence[Started], run: Map = map) -> Model:
-    """The base model after at most `ROUNDS` of Gauss–Newton, as long as the sum of squares falls."""
-    now = differences(model, started, (), run)
-    for _ in range(ROUNDS):
-        step = now.fit((), ()).base
-        tried = [applied(model, (), share * step, {}) for share in SHARES]
-        misfits = [_rss(r, len(now.r)) for r in residuals(tried, started, run)]
-        if min(misfits) >= now.rss:
-            break
-        model = tried[int(np.argmin(misfits))]
-        now = differences(model, started, (), run)
-    return model
 
 
 def differences(model: Model, started: Sequence[Started], effects: Sequence[Effect], run: Map = map) -> Differences:
@@ -188,4 +172,5 @@ RIVAL = Rival(
     "Efroymson 1960, Akaike 1974: stepwise regression on forward differences",
     finite_differences,
     slow=True,
+    refits=True,
 )

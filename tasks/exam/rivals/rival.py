@@ -16,8 +16,8 @@ from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
-from tasks.gap.gathered import Gathered, gather, jobs
-from tasks.gap.screening import MODES
+from tasks.gap.gathered import Gathered, gather, jobs, lengths, restated, unwrinkled
+from tasks.gap.screening import FINAL, MODES, roughly_refitted
 
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
@@ -36,11 +36,15 @@ class Case:
 
     @cached_property
     def refitted(self) -> tuple[Gathered, BaseFit]:
-        """States and windows of all recordings, and the base model fitted to them as the diagnosis does: several rivals start there, and share it."""
-        data = gather(self.model, self.recordings, self.run)
-        φ = smooth_modes(self.model.subject.cloth, MODES)
-        noise = float(np.median([np.median(r.noise) for r in self.recordings]))
-        return data, refit(jobs(self.model, data, φ), noise=noise, run=self.run)
+        """Windows of all recordings, and the base model fitted to them by the diagnosis' own steps up to its tangents: several rivals start there, and share it.
+
+        Windows are the longest that the diagnosis tries, and none is kept out.
+        """
+        data, φ, fps = gather(self.model, self.recordings, self.run), smooth_modes(self.model.subject.cloth, MODES), self.model.subject.fps
+        longest_first = lengths(self.recordings, fps)
+        model, correlation = roughly_refitted(self.model, [data.cut(s, fps) for s in reversed(longest_first)], self.run)
+        data = unwrinkled(model, restated(model, data.correlated(correlation), self.run).cut(longest_first[0], fps), φ, self.run)
+        return data, refit(jobs(model, data, φ), noise=data.noise, iterations=FINAL, run=self.run)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """One answer against one truth: what counts as right, and by how much.
 
 answer: the JSON of the diagnosis, version 1. truth: that of the generator. A diagnosis that failed or did not end answers nothing (None).
-Credit of a set of names: 1/(1 + names outside the admissible class) if it holds the truth and at most MOST names, else 0.
+Credit of a set of names: 1/(1 + names outside the admissible class) if it holds the truth and at most MOST names, else 0. Of two causes the mean of both
+credits, names that may stand for the other one set aside.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,12 +26,18 @@ def credit(names: Iterable[str], truth: str, admissible: Iterable[str]) -> float
     return 1 / (1 + len(names - set(admissible) - {truth}))
 
 
+def credits(names: Iterable[str], truth: Json) -> list[float]:
+    """Credit of a set of names for each true cause."""
+    allowed = {cause: {cause, *truth["admissible"][cause]} for cause in truth["causes"]}
+    beside = {cause: set().union(*(own for other, own in allowed.items() if other != cause)) - allowed[cause] for cause in allowed}
+    return [credit(set(names) - beside[cause], cause, allowed[cause]) for cause in allowed]
+
+
 def expected(truth: Json) -> str:
     """The kind of verdict that is right: effect, none or outside_library."""
-    question = truth["question"]
     if not truth["causes"]:
         return "none"
-    return "outside_library" if question["withheld"] or question["stratum"] == "outside" else "effect"
+    return "outside_library" if truth["question"]["stratum"] == "outside" else "effect"
 
 
 def score(truth: Json, answer: Json | None) -> dict[str, Any]:
@@ -40,30 +47,28 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         "number": question["number"],
         "stratum": question["stratum"],
         "twist": question["twist"],
-        "withheld": question["withheld"],
+        "withheld": question["withheld"] if question["stratum"] == "outside" else [],
         "causes": causes,
+        "asked_multiple": [cause.get("asked_multiple") for cause in truth["causes"].values()],
         "multiple": truth["multiple"],
         "magnitude_mm": truth.get("magnitude_mm"),
         "expected": expected(truth),
         "failed": answer is None,
     }
     if answer is None:
-        return row | {"kind": "failed", "named": [], "credit": 0.0, "top1": 0.0, "top3": 0.0, "probability_of_truth": 0.0, "right": False}
+        nothing = dict.fromkeys(("credit", "top1", "top3", "probability_of_truth"), 0.0)
+        return row | nothing | {"kind": "failed", "named": [], "right": False, "covered": False}
     verdict = answer["verdict"]
     named = {n for group in verdict["class"] for n in group} | set(verdict["effects"]) if verdict["kind"] == "effect" else set()
     groups = [set(entry["class"]) for entry in answer["ranking"]]
     row |= {"kind": verdict["kind"], "named": sorted(named), "confidence": float(verdict["probability"]), "seconds": answer["seconds"]}
     row["set_size"] = len(answer["answer_set_90"])
     if row["expected"] == "effect":
-        allowed = truth["admissible"]
-        each = [credit(_holding(verdict["class"], named, c), c, allowed[c]) for c in causes]
+        each = credits(named, truth)
         row["credit"], row["found"] = float(np.mean(each)), sum(e > 0 for e in each)
-        row["top1"] = max(credit(groups[0], c, allowed[c]) for c in causes)
-        row["top3"] = max(credit(g, c, allowed[c]) for g in groups[:3] for c in causes)
+        row["top1"], row["top3"] = max(credits(groups[0], truth)), max(max(credits(g, truth)) for g in groups[:3])
         row["right"] = verdict["kind"] == "effect" and row["found"] == len(causes)
-        row["probability_of_truth"] = sum(
-            e["probability"] for e in answer["ranking"] if any(credit(e["class"], c, allowed[c]) for c in causes)
-        )
+        row["probability_of_truth"] = sum(e["probability"] * float(np.mean(credits(e["class"], truth))) for e in answer["ranking"])
         row["covered"] = set(causes) <= set(answer["answer_set_90"])
         row |= _strengths(truth["causes"], answer["ranking"])
     else:
@@ -84,7 +89,7 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
 def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any], floor_m: float) -> dict[str, Any]:
     """How far a blind prediction closes the gap: before, after [T, V, 3] m against the recording that was held out, driven nodes aside.
 
-    Frames that the blind file showed do not count.
+    Frames that the blind file showed do not count. `worse` only where the prediction changed: nothing is carried over where nothing was named.
     """
     if prediction is None:
         return {}
@@ -93,7 +98,9 @@ def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any],
     seen[:2] = False
     seen[:, held_out["boundary"]] = False
     E = {k: float(np.mean(np.sum((prediction[k] - x)[seen] ** 2, -1))) for k in ("before", "after")}
-    row = {"before_mm": 1e3 * E["before"] ** 0.5, "after_mm": 1e3 * E["after"] ** 0.5, "worse": E["after"] > 1.05 * E["before"]}
+    row: dict[str, Any] = {"before_mm": 1e3 * E["before"] ** 0.5, "after_mm": 1e3 * E["after"] ** 0.5}
+    if E["after"] != E["before"]:
+        row["worse"] = E["after"] > 1.05 * E["before"]
     if E["before"] ** 0.5 >= CLOSABLE * floor_m:
         row["closed"] = (E["before"] - E["after"]) / (E["before"] - floor_m**2)
     return row
@@ -111,18 +118,16 @@ def area_under_curve(value: Array, positive: NDArray[np.bool_]) -> float:
     return float(np.mean((a[:, None] > b) + 0.5 * (a[:, None] == b)))
 
 
-def _holding(classes: list[list[str]], named: set[str], cause: str) -> set[str]:
-    """The class of the verdict that holds a cause; all that was named where none does."""
-    return next((set(group) for group in classes if cause in group), named - {cause})
-
-
 def _strengths(causes: Json, ranking: list[Json]) -> dict[str, Any]:
-    """Relative error of a single cause's strength and whether its interval holds the truth, where the units agree."""
+    """Relative error of a single cause's strength and whether its interval holds the truth, where the units agree. Of an effect with several strengths the one
+    that was planted counts, or the size of all."""
     if len(causes) != 1:
         return {}
     name, true = next(iter(causes.items()))
     for entry in ranking:
         found = entry.get("strength", {}).get(name)
+        if found and "components" in found:
+            found = found["components"].get(true.get("along"), found)
         if found and found.get("unit") == true["unit"] and found.get("value") is not None:
             return {
                 "strength_error": abs(found["value"] - true["strength"]) / abs(true["strength"]),

@@ -40,7 +40,7 @@ def summary(rows: Sequence[Row]) -> list[Row]:
         calibration_error([r for r in asked if "confidence" in r]),
         _mean("localisation, AUC", [r["auc"] for r in rows if r.get("auc") is not None]),
         _mean("closed fraction on held-out motion, median", [r["closed"] for r in single if "closed" in r], np.median),
-        _share("negative transfer", [r for r in rows if "worse" in r], lambda r: r["worse"]),
+        _share("negative transfer, of predictions that a name changed", [r for r in rows if "worse" in r], lambda r: r["worse"]),
         _mean("error of the strength, median", [r["strength_error"] for r in single if "strength_error" in r], np.median),
         _share("intervals of the strength that hold it", [r for r in single if "strength_covered" in r], lambda r: r["strength_covered"]),
         _mean("seconds per diagnosis, median", [r["seconds"] for r in rows if "seconds" in r], np.median),
