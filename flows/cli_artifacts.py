@@ -3,27 +3,25 @@
 import json
 import sys
 from datetime import timedelta
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
-from flows.config import load
+from flows.cli_store import StorePlace, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
-from storage_schemas.object_store import open_store
-from storage_schemas.store import Store
 
 app = App(name="artifacts", help="Look into the store: ls, show, verify, gc.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
-Root = Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")]
 
 
 @app.command
-def ls(actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: Root = None, json_: Json = False) -> int:
+def ls(
+    actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: StorePlace = None, json_: Json = False
+) -> int:
     """All artifacts, or those of one actor, sequence or stage."""
-    entries = _open(store).list(actor, sequence, stage)
+    entries = open_named(store).list(actor, sequence, stage)
     if json_:
         return _print([entry.model_dump(mode="json") if hasattr(entry, "model_dump") else _plain(entry) for entry in entries])
     table = Table("actor", "sequence", "stage", "key", "schema", "MB", box=None, header_style="bold")
@@ -36,9 +34,9 @@ def ls(actor: str | None = None, *, sequence: str | None = None, stage: str | No
 
 
 @app.command
-def show(key: str, *, store: Root = None) -> int:
+def show(key: str, *, store: StorePlace = None) -> int:
     """Manifest and provenance of the artifact whose key begins so, as JSON."""
-    opened = _open(store)
+    opened = open_named(store)
     found = [entry.address for entry in opened.list() if entry.address.key.startswith(key)]
     if len(found) != 1:
         raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
@@ -49,9 +47,9 @@ def show(key: str, *, store: Root = None) -> int:
 
 
 @app.command
-def verify(*, store: Root = None, json_: Json = False) -> int:
+def verify(*, store: StorePlace = None, json_: Json = False) -> int:
     """Read every byte of every artifact and compare it with what was published."""
-    faults = _open(store).verify()
+    faults = open_named(store).verify()
     if json_:
         _print([str(fault) for fault in faults])
     else:
@@ -60,14 +58,10 @@ def verify(*, store: Root = None, json_: Json = False) -> int:
 
 
 @app.command
-def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Root = None, json_: Json = False) -> int:
+def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: StorePlace = None, json_: Json = False) -> int:
     """Remove artifacts that nothing refers to any more and what dead processes left behind."""
-    swept = _open(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
+    swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
     return _print(_plain(swept)) if json_ else (Console().print(swept), OK)[1]
-
-
-def _open(store: Path | None) -> Store:
-    return open_store(load(places={"store": store}).store)
 
 
 def _plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_store import StorePlace, open_named
 from flows.config import load
 from flows.dataset import Standing, counts, find_sequences, plan_dataset
 from flows.endings import OK, STAGE_FAILED, Refused
@@ -17,13 +18,12 @@ from storage_schemas.object_store import open_store
 
 app = App(name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
-Root = Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
 SHOWN = 200
 
 
 @app.command
-def plan(*, set_: Set = (), store: Root = None, json_: Json = False) -> int:
+def plan(*, set_: Set = (), store: StorePlace = None, json_: Json = False) -> int:
     """Which sequences are finished, new, changed or unfinished, and why; computes nothing and needs no server."""
     standings = list(_standings(load(set_, places={"store": store})))
     if json_:
@@ -37,7 +37,7 @@ def plan(*, set_: Set = (), store: Root = None, json_: Json = False) -> int:
 
 
 @app.command
-def submit(*, set_: Set = (), store: Root = None, wait: bool = False, json_: Json = False) -> int:
+def submit(*, set_: Set = (), store: StorePlace = None, wait: bool = False, json_: Json = False) -> int:
     """Have the service process what is new or changed. With --wait stay until it has ended.
 
     A dataset that is under way is not submitted twice: asking again follows the run there is.
@@ -66,15 +66,15 @@ def submit(*, set_: Set = (), store: Root = None, wait: bool = False, json_: Jso
 
 
 @app.command
-def status(campaign: str | None = None, *, store: Root = None, json_: Json = False) -> int:
+def status(campaign: str | None = None, *, store: StorePlace = None, json_: Json = False) -> int:
     """How far the newest run over the dataset is, or the one whose id begins so."""
-    found = _campaign(open_store(load(places={"store": store}).store).root, campaign)
+    found = _campaign(open_named(store).root, campaign)
     _show(found, json_)
     return OK
 
 
 @app.command
-def report(out: Path, *, store: Root = None) -> int:
+def report(out: Path, *, store: StorePlace = None) -> int:
     """One HTML page: every sequence with its verdict and a link to its report."""
     from flows.dataset_report import write_dataset_report
 

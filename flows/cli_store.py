@@ -1,0 +1,17 @@
+"""`--store`: how a command is told where the artifacts are, and the one way it opens them."""
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from flows.config import load
+from storage_schemas.object_store import open_store
+from storage_schemas.store import Store
+
+# text and no Path, which would take a slash from s3://
+StorePlace = Annotated[str | None, Parameter(name="--store", help="Folder of the artifact store, or s3://bucket/prefix.")]
+
+
+def open_named(store: str | None) -> Store:
+    """The store at this place, else at the configured one. Raises NewerFormat, Corrupt."""
+    return open_store(load(places={"store": store}).store)
