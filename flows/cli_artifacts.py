@@ -1,4 +1,4 @@
-"""`physavatar artifacts`: look into the store."""
+"""`physavatar artifacts`: look into the store, and keep or sweep what is in it."""
 
 import json
 import sys
@@ -11,8 +11,10 @@ from rich.table import Table
 
 from flows.cli_store import StorePlace, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
+from storage_schemas.reference import Address
+from storage_schemas.store import Store
 
-app = App(name="artifacts", help="Look into the store: ls, show, verify, gc.")
+app = App(name="artifacts", help="Look into the store: ls, show, verify, gc, pin, unpin.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
 
 
@@ -23,7 +25,7 @@ def ls(
     """All artifacts, or those of one actor, sequence or stage."""
     entries = open_named(store).list(actor, sequence, stage)
     if json_:
-        return _print([entry.model_dump(mode="json") if hasattr(entry, "model_dump") else _plain(entry) for entry in entries])
+        return _print([entry.model_dump(mode="json") for entry in entries])
     table = Table("actor", "sequence", "stage", "key", "schema", "MB", box=None, header_style="bold")
     for entry in entries:
         at = entry.address
@@ -37,10 +39,7 @@ def ls(
 def show(key: str, *, store: StorePlace = None) -> int:
     """Manifest and provenance of the artifact whose key begins so, as JSON."""
     opened = open_named(store)
-    found = [entry.address for entry in opened.list() if entry.address.key.startswith(key)]
-    if len(found) != 1:
-        raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
-    folder = opened.folder(found[0])
+    folder = opened.folder(_address(opened, key))
     return _print(
         {name: json.loads((folder / f"{name}.json").read_text()) for name in ("manifest", "provenance")} | {"folder": str(folder)}
     )
@@ -61,13 +60,32 @@ def verify(*, store: StorePlace = None, json_: Json = False) -> int:
 def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: StorePlace = None, json_: Json = False) -> int:
     """Remove artifacts that nothing refers to any more and what dead processes left behind."""
     swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
-    return _print(_plain(swept)) if json_ else (Console().print(swept), OK)[1]
+    return _print(swept.model_dump(mode="json")) if json_ else (Console().print(swept), OK)[1]
 
 
-def _plain(value: Any) -> Any:
-    return {k: str(v) if not isinstance(v, int | float | None) else v for k, v in vars(value).items()}
+@app.command
+def pin(key: str, reason: str, *, store: StorePlace = None) -> int:
+    """Keep the artifact whose key begins so, and all it was made from, when the store is swept; the reason stands beside it."""
+    opened = open_named(store)
+    opened.pin(_address(opened, key), reason)
+    return OK
+
+
+@app.command
+def unpin(key: str, *, store: StorePlace = None) -> int:
+    """Let go of a pinned artifact."""
+    opened = open_named(store)
+    opened.unpin(_address(opened, key))
+    return OK
+
+
+def _address(store: Store, key: str) -> Address:
+    found = [entry.address for entry in store.list() if entry.address.key.startswith(key)]
+    if len(found) != 1:
+        raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
+    return found[0]
 
 
 def _print(value: Any) -> int:
-    sys.stdout.write(json.dumps(value, indent=1, default=str) + "\n")
+    sys.stdout.write(json.dumps(value, indent=1) + "\n")
     return OK

@@ -1,6 +1,8 @@
 """A store is named by a folder or by a URL, and a URL reaches the object store whole, from every command."""
 
 import json
+import os
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,6 +85,41 @@ def test_the_diagnosis_is_asked_for_below_the_url(place, url, capsys, monkeypatc
     monkeypatch.setattr(submission.Submission, "prepare", prepare)
     assert run("gap", "ann", "--store", url) == 2
     assert f"would look in {url}" in capsys.readouterr().err.replace("\n", "")
+
+
+def aged(store: Store, ref: ArtifactRef) -> ArtifactRef:
+    """As if nobody had asked for it for a month; no stage points to it either."""
+    then = time.time() - 30 * 86400
+    os.utime(store.folder(ref) / "manifest.json", (then, then))
+    (store.folder(ref).parent / ".latest.json").unlink(missing_ok=True)
+    return ref
+
+
+def test_json_of_a_sweep_is_what_was_swept(place, capsys):
+    store = open_store("artifacts")
+    ref = aged(store, put(store))
+    assert run("artifacts", "gc", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["artifacts"] == [str(ref.address)] and told["left_overs"] == [] and told["bytes"] > 1000
+    assert store.list() == []
+
+
+def test_a_pinned_artifact_outlives_a_sweep_until_it_is_let_go(place, capsys):
+    store = open_store("artifacts")
+    pinned, other = aged(store, put(store)), aged(store, put(store, "skinning"))
+    assert run("artifacts", "pin", pinned.key[:8], "figure 3 of the paper") == 0
+    assert run("artifacts", "gc", "--json") == 0
+    assert [entry.address for entry in store.list()] == [pinned.address]
+    assert run("artifacts", "pin", other.key[:8], "why") == 2
+    assert run("artifacts", "unpin", pinned.key[:8]) == 0
+    assert run("artifacts", "gc", "--json") == 0
+    assert store.list() == []
+
+
+def test_an_object_store_pins_nothing(place, url, capsys):
+    ref = put(open_store(url))
+    assert run("artifacts", "pin", ref.key[:8], "why", "--store", url) == 2
+    assert "life cycle rules" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("location", ["s3://bucket/prefix", "s3:/bucket/prefix"])
