@@ -104,7 +104,7 @@ def _show(found: dict[str, Any], json_: bool) -> int:
         table = Table("actor", "sequence", "state", "s", "why", box=None, header_style="bold")
         for row in [row for row in found["rows"] if row["state"] != "finished"][:SHOWN]:
             table.add_row(row["actor"], row["sequence"], row["state"], f"{row['seconds']:.0f}", row["why"])
-        Console().print(table, f"{found['id']} {found['state']}: {found['counts']}, {found['gpu_hours']} GPU hours")
+        Console().print(table, f"{found['id']} {found['state']}: {found['counts']}, {found['gpu_hours']} hours of tracking and rendering")
     return STAGE_FAILED if found["state"] == "failed" else OK
 
 
