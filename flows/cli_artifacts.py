@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import StorePlace, open_named
+from flows.cli_store import Location, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
 from storage_schemas.reference import Address
 from storage_schemas.store import Store
@@ -20,7 +20,7 @@ Json = Annotated[bool, Parameter(name="--json", negative="")]
 
 @app.command
 def ls(
-    actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: StorePlace = None, json_: Json = False
+    actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: Location = None, json_: Json = False
 ) -> int:
     """All artifacts, or those of one actor, sequence or stage."""
     entries = open_named(store).list(actor, sequence, stage)
@@ -36,7 +36,7 @@ def ls(
 
 
 @app.command
-def show(key: str, *, store: StorePlace = None) -> int:
+def show(key: str, *, store: Location = None) -> int:
     """Manifest and provenance of the artifact whose key begins so, as JSON."""
     opened = open_named(store)
     folder = opened.folder(_address(opened, key))
@@ -46,7 +46,7 @@ def show(key: str, *, store: StorePlace = None) -> int:
 
 
 @app.command
-def verify(*, store: StorePlace = None, json_: Json = False) -> int:
+def verify(*, store: Location = None, json_: Json = False) -> int:
     """Read every byte of every artifact and compare it with what was published."""
     faults = open_named(store).verify()
     if json_:
@@ -57,14 +57,14 @@ def verify(*, store: StorePlace = None, json_: Json = False) -> int:
 
 
 @app.command
-def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: StorePlace = None, json_: Json = False) -> int:
+def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Location = None, json_: Json = False) -> int:
     """Remove artifacts that nothing refers to any more and what dead processes left behind."""
     swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
     return _print(swept.model_dump(mode="json")) if json_ else (Console().print(swept), OK)[1]
 
 
 @app.command
-def pin(key: str, reason: str, *, store: StorePlace = None) -> int:
+def pin(key: str, reason: str, *, store: Location = None) -> int:
     """Keep the artifact whose key begins so, and all it was made from, when the store is swept; the reason stands beside it."""
     opened = open_named(store)
     opened.pin(_address(opened, key), reason)
@@ -72,7 +72,7 @@ def pin(key: str, reason: str, *, store: StorePlace = None) -> int:
 
 
 @app.command
-def unpin(key: str, *, store: StorePlace = None) -> int:
+def unpin(key: str, *, store: Location = None) -> int:
     """Let go of a pinned artifact."""
     opened = open_named(store)
     opened.unpin(_address(opened, key))

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import StorePlace
+from flows.cli_store import Location
 from flows.config import load
 from flows.endings import OK
 from storage_schemas.cloth import Cloth
@@ -36,7 +36,7 @@ def fit(
     with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
-    store: StorePlace = None,
+    store: Location = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Estimate the fabric of a tracked garment: stretch and bending stiffness per density, with what can be known of them.

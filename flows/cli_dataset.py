@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import StorePlace, open_named
+from flows.cli_store import Location, open_named
 from flows.config import load
 from flows.dataset import Standing, counts, find_sequences, plan_dataset
 from flows.endings import OK, STAGE_FAILED, Refused
@@ -23,7 +23,7 @@ SHOWN = 200
 
 
 @app.command
-def plan(*, set_: Set = (), store: StorePlace = None, json_: Json = False) -> int:
+def plan(*, set_: Set = (), store: Location = None, json_: Json = False) -> int:
     """Which sequences are finished, new, changed or unfinished, and why; computes nothing and needs no server."""
     standings = list(_standings(load(set_, places={"store": store})))
     if json_:
@@ -37,7 +37,7 @@ def plan(*, set_: Set = (), store: StorePlace = None, json_: Json = False) -> in
 
 
 @app.command
-def submit(*, set_: Set = (), store: StorePlace = None, wait: bool = False, json_: Json = False) -> int:
+def submit(*, set_: Set = (), store: Location = None, wait: bool = False, json_: Json = False) -> int:
     """Have the service process what is new or changed. With --wait stay until it has ended.
 
     A dataset that is under way is not submitted twice: asking again follows the run there is.
@@ -66,7 +66,7 @@ def submit(*, set_: Set = (), store: StorePlace = None, wait: bool = False, json
 
 
 @app.command
-def status(campaign: str | None = None, *, store: StorePlace = None, json_: Json = False) -> int:
+def status(campaign: str | None = None, *, store: Location = None, json_: Json = False) -> int:
     """How far the newest run over the dataset is, or the one whose id begins so."""
     found = _campaign(open_named(store).root, campaign)
     _show(found, json_)
@@ -74,7 +74,7 @@ def status(campaign: str | None = None, *, store: StorePlace = None, json_: Json
 
 
 @app.command
-def report(out: Path, *, store: StorePlace = None) -> int:
+def report(out: Path, *, store: Location = None) -> int:
     """One HTML page: every sequence with its verdict and a link to its report."""
     from flows.dataset_report import write_dataset_report
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.cli_store import StorePlace, open_named
+from flows.cli_store import Location, open_named
 from flows.endings import OK, Refused
 from storage_schemas.store import Store
 
@@ -18,7 +18,7 @@ def export(
     *,
     sequence: str | None = None,
     format_: Annotated[tuple[str, ...], Parameter(name="--format", negative="")] = ("glb", "npz", "mp4"),
-    store: StorePlace = None,
+    store: Location = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Write the avatar of an actor: glb (skinned, textured), npz (tracked geometry), ply or obj per frame, mp4.
