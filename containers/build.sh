@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# One image per kind of worker: physavatar-vision, physavatar-simulation, physavatar-gpu. With docker where its daemon answers, else with
+# One image per kind of worker: physavatar-vision, physavatar-simulation; no stage uses a GPU. With docker where its daemon answers, else with
 # Debian's buildah (chroot isolation, no daemon) on a base that debootstrap makes. KINDS="vision" builds some; BASE=name@sha256:… pins the base.
 # Packages come from where this machine's pip gets them: PIP_INDEX_URL, PIP_EXTRA_INDEX_URL, PIP_FIND_LINKS, or `pip config`. With buildah, local
 # folders among them and the certificates in PIP_CERT (a network that signs for others) are lent to the build read-only; none ends up in an image.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
-kinds=${KINDS:-vision simulation gpu}
+kinds=${KINDS:-vision simulation}
 
 for name in INDEX_URL EXTRA_INDEX_URL FIND_LINKS CERT; do
     variable=PIP_$name key=${name,,}

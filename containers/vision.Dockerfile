@@ -1,4 +1,5 @@
-# CPU vision and orchestration: capture, keypoints, body; also the server and the parents of the pipeline.
+# CPU vision and orchestration: capture, keypoints, body, tracking, rendering; also the server and the parents of the pipeline.
+# No stage uses a GPU: networks run in onnxruntime and torch on the CPU, Mitsuba in its LLVM variants.
 # Build with containers/build.sh. BASE: any Debian 12 (or image with Python 3.11 on Debian), pinned by its digest:
 #   --build-arg BASE=docker.io/library/debian:bookworm-slim@sha256:…
 # TORCH_INDEX: where torch comes from; empty takes it from the index that pip is set to. PIP_…: as in pip's environment; see build.sh.

@@ -1,11 +1,11 @@
-"""What leaves the store: the avatar and the motion of one sequence, from its newest artifacts, as files other programs read."""
+"""What leaves the store: the avatar and the motion of one sequence, from its newest cloth, as files other programs read."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from flows.endings import Refused
+from flows.lineage import Lineage
 from storage_schemas.appearance import Appearance
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
@@ -29,17 +29,14 @@ FORMATS = ("glb", "npz", "ply", "obj", "mp4")
 
 
 class Avatar:
-    """The newest artifacts of one sequence, opened as they are asked for. Raises Refused where one is missing."""
+    """Artifacts of one sequence that belong together, opened as they are asked for. Raises Refused where one is missing."""
 
     def __init__(self, store: Store, actor: str, sequence: str) -> None:
-        self.store, self.actor, self.sequence = store, actor, sequence
+        self.store, self.lineage = store, Lineage(store, actor, sequence)
 
     def open(self, schema: type[Record]) -> Record:
-        """The newest artifact of this schema."""
-        ref = self.store.latest(self.actor, self.sequence, schema.schema_name)
-        if ref is None:
-            raise Refused(f"{self.actor} {self.sequence} has no {schema.schema_name} yet: run `physavatar submit {self.actor}` first")
-        return self.store.open(ref, schema)
+        """The artifact of this schema."""
+        return self.store.open(self.lineage.artifact(schema.schema_name), schema)
 
     def motion(self) -> tuple[np.ndarray, Tracking, Cloth]:
         """The surface with simulated garments and skinned body [T, V, 3] m, over the simulated frames."""

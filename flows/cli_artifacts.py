@@ -1,31 +1,31 @@
-"""`physavatar artifacts`: look into the store."""
+"""`physavatar artifacts`: look into the store, and keep or sweep what is in it."""
 
 import json
 import sys
 from datetime import timedelta
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
-from flows.config import load
+from flows.cli_store import Location, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
-from storage_schemas.object_store import open_store
+from storage_schemas.reference import Address
 from storage_schemas.store import Store
 
-app = App(name="artifacts", help="Look into the store: ls, show, verify, gc.")
+app = App(name="artifacts", help="Look into the store: ls, show, verify, gc, pin, unpin.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
-Root = Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")]
 
 
 @app.command
-def ls(actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: Root = None, json_: Json = False) -> int:
+def ls(
+    actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: Location = None, json_: Json = False
+) -> int:
     """All artifacts, or those of one actor, sequence or stage."""
-    entries = _open(store).list(actor, sequence, stage)
+    entries = open_named(store).list(actor, sequence, stage)
     if json_:
-        return _print([entry.model_dump(mode="json") if hasattr(entry, "model_dump") else _plain(entry) for entry in entries])
+        return _print([entry.model_dump(mode="json") for entry in entries])
     table = Table("actor", "sequence", "stage", "key", "schema", "MB", box=None, header_style="bold")
     for entry in entries:
         at = entry.address
@@ -36,22 +36,19 @@ def ls(actor: str | None = None, *, sequence: str | None = None, stage: str | No
 
 
 @app.command
-def show(key: str, *, store: Root = None) -> int:
+def show(key: str, *, store: Location = None) -> int:
     """Manifest and provenance of the artifact whose key begins so, as JSON."""
-    opened = _open(store)
-    found = [entry.address for entry in opened.list() if entry.address.key.startswith(key)]
-    if len(found) != 1:
-        raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
-    folder = opened.folder(found[0])
+    opened = open_named(store)
+    folder = opened.folder(_address(opened, key))
     return _print(
         {name: json.loads((folder / f"{name}.json").read_text()) for name in ("manifest", "provenance")} | {"folder": str(folder)}
     )
 
 
 @app.command
-def verify(*, store: Root = None, json_: Json = False) -> int:
+def verify(*, store: Location = None, json_: Json = False) -> int:
     """Read every byte of every artifact and compare it with what was published."""
-    faults = _open(store).verify()
+    faults = open_named(store).verify()
     if json_:
         _print([str(fault) for fault in faults])
     else:
@@ -60,20 +57,35 @@ def verify(*, store: Root = None, json_: Json = False) -> int:
 
 
 @app.command
-def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Root = None, json_: Json = False) -> int:
+def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Location = None, json_: Json = False) -> int:
     """Remove artifacts that nothing refers to any more and what dead processes left behind."""
-    swept = _open(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
-    return _print(_plain(swept)) if json_ else (Console().print(swept), OK)[1]
+    swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
+    return _print(swept.model_dump(mode="json")) if json_ else (Console().print(swept), OK)[1]
 
 
-def _open(store: Path | None) -> Store:
-    return open_store(load(places={"store": store}).store)
+@app.command
+def pin(key: str, reason: str, *, store: Location = None) -> int:
+    """Keep the artifact whose key begins so, and all it was made from, when the store is swept; the reason stands beside it."""
+    opened = open_named(store)
+    opened.pin(_address(opened, key), reason)
+    return OK
 
 
-def _plain(value: Any) -> Any:
-    return {k: str(v) if not isinstance(v, int | float | None) else v for k, v in vars(value).items()}
+@app.command
+def unpin(key: str, *, store: Location = None) -> int:
+    """Let go of a pinned artifact."""
+    opened = open_named(store)
+    opened.unpin(_address(opened, key))
+    return OK
+
+
+def _address(store: Store, key: str) -> Address:
+    found = [entry.address for entry in store.list() if entry.address.key.startswith(key)]
+    if len(found) != 1:
+        raise Refused(f"{len(found)} artifacts have a key that begins with {key!r}; see `physavatar artifacts ls`")
+    return found[0]
 
 
 def _print(value: Any) -> int:
-    sys.stdout.write(json.dumps(value, indent=1, default=str) + "\n")
+    sys.stdout.write(json.dumps(value, indent=1) + "\n")
     return OK

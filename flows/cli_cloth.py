@@ -10,10 +10,11 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_store import Location
 from flows.config import load
 from flows.endings import OK
 from storage_schemas.cloth import Cloth
-from storage_schemas.store import Store
+from storage_schemas.object_store import open_store
 from tasks.geometry.faults import BadInput, Fault
 
 app = App(name="cloth", help="Fabrics: fit.")
@@ -35,7 +36,7 @@ def fit(
     with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
-    store: Annotated[Path | None, Parameter(name="--store")] = None,
+    store: Location = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Estimate the fabric of a tracked garment: stretch and bending stiffness per density, with what can be known of them.
@@ -79,7 +80,7 @@ def fit(
         )
     except ValidationError as error:
         raise BadInput(Fault(f"{e['loc'][0]}", e["msg"], "See `physavatar cloth fit --help`.") for e in error.errors()) from None
-    opened, messages = Store(settings.store), Console(stderr=True)
+    opened, messages = open_store(settings.store), Console(stderr=True)
     outcome = track_fit.run(
         opened,
         TRACKS,

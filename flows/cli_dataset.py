@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_store import Location, open_named
 from flows.config import load
 from flows.dataset import Standing, counts, find_sequences, plan_dataset
 from flows.endings import OK, STAGE_FAILED, Refused
@@ -17,13 +18,12 @@ from storage_schemas.object_store import open_store
 
 app = App(name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
 Json = Annotated[bool, Parameter(name="--json", negative="")]
-Root = Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
 SHOWN = 200
 
 
 @app.command
-def plan(*, set_: Set = (), store: Root = None, json_: Json = False) -> int:
+def plan(*, set_: Set = (), store: Location = None, json_: Json = False) -> int:
     """Which sequences are finished, new, changed or unfinished, and why; computes nothing and needs no server."""
     standings = list(_standings(load(set_, places={"store": store})))
     if json_:
@@ -37,7 +37,7 @@ def plan(*, set_: Set = (), store: Root = None, json_: Json = False) -> int:
 
 
 @app.command
-def submit(*, set_: Set = (), store: Root = None, wait: bool = False, json_: Json = False) -> int:
+def submit(*, set_: Set = (), store: Location = None, wait: bool = False, json_: Json = False) -> int:
     """Have the service process what is new or changed. With --wait stay until it has ended.
 
     A dataset that is under way is not submitted twice: asking again follows the run there is.
@@ -66,15 +66,15 @@ def submit(*, set_: Set = (), store: Root = None, wait: bool = False, json_: Jso
 
 
 @app.command
-def status(campaign: str | None = None, *, store: Root = None, json_: Json = False) -> int:
+def status(campaign: str | None = None, *, store: Location = None, json_: Json = False) -> int:
     """How far the newest run over the dataset is, or the one whose id begins so."""
-    found = _campaign(open_store(load(places={"store": store}).store).root, campaign)
+    found = _campaign(open_named(store).root, campaign)
     _show(found, json_)
     return OK
 
 
 @app.command
-def report(out: Path, *, store: Root = None) -> int:
+def report(out: Path, *, store: Location = None) -> int:
     """One HTML page: every sequence with its verdict and a link to its report."""
     from flows.dataset_report import write_dataset_report
 
@@ -104,7 +104,7 @@ def _show(found: dict[str, Any], json_: bool) -> int:
         table = Table("actor", "sequence", "state", "s", "why", box=None, header_style="bold")
         for row in [row for row in found["rows"] if row["state"] != "finished"][:SHOWN]:
             table.add_row(row["actor"], row["sequence"], row["state"], f"{row['seconds']:.0f}", row["why"])
-        Console().print(table, f"{found['id']} {found['state']}: {found['counts']}, {found['gpu_hours']} GPU hours")
+        Console().print(table, f"{found['id']} {found['state']}: {found['counts']}, {found['gpu_hours']} hours of tracking and rendering")
     return STAGE_FAILED if found["state"] == "failed" else OK
 
 

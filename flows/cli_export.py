@@ -7,9 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.config import load
+from flows.cli_store import Location, open_named
 from flows.endings import OK, Refused
-from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 
@@ -19,7 +18,7 @@ def export(
     *,
     sequence: str | None = None,
     format_: Annotated[tuple[str, ...], Parameter(name="--format", negative="")] = ("glb", "npz", "mp4"),
-    store: Annotated[Path | None, Parameter(name="--store")] = None,
+    store: Location = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Write the avatar of an actor: glb (skinned, textured), npz (tracked geometry), ply or obj per frame, mp4.
@@ -35,7 +34,7 @@ def export(
     unknown = [f for f in format_ if f not in avatar.FORMATS]
     if unknown:
         raise Refused(f"there is no format {unknown[0]!r}; there are {', '.join(avatar.FORMATS)}")
-    opened = open_store(load(places={"store": store}).store)
+    opened = open_named(store)
     written = avatar.export(avatar.Avatar(opened, actor, sequence or _only_sequence(opened, actor)), folder, format_)
     if json_:
         sys.stdout.write(json.dumps([str(path) for path in written]) + "\n")

@@ -10,6 +10,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_store import Location
 from flows.config import load
 from flows.endings import OK
 
@@ -22,7 +23,7 @@ def of(
     *,
     sequence: str | None = None,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")] = (),
-    store: Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")] = None,
+    store: Location = None,
     json_: Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")] = False,
 ) -> int:
     """Process an actor as far as the diagnosis, and show it.

@@ -10,7 +10,7 @@ model = "/models/dw-ll_ucoco_384.onnx"   # instead of the bundled detector
 [service]
 database = "postgresql+asyncpg://…"      # instead of SQLite (flows/service/parameters.py)
 [dataset]
-gpu_hours = 100.0                        # quotas (flows/dataset.py)
+gpu_hours = 100.0                        # quotas, this one of tracking and rendering (flows/dataset.py)
 """
 
 import difflib

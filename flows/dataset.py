@@ -1,8 +1,9 @@
 """A dataset: every sequence below the data folder, planned against the store.
 
 A sequence is finished when all artifacts of its present request are in the store. Whoever finishes one leaves a mark with the digest of
-the request (settings, stage versions, recording) and the artifacts' digests, so that a plan over ten thousand finished sequences reads one
-small file each and compares the artifacts' manifests. A mark is only a short cut: without it, or when it does not fit, the store is asked.
+the request (settings, stage versions, recording) and the artifacts' keys and digests, so that a plan over ten thousand finished sequences
+works out no key. A mark is only that short cut: whether the artifacts are there and whole is asked of the store, mark or none (of an object
+store in two requests per artifact).
 """
 
 import hashlib
@@ -27,8 +28,8 @@ State = Literal["finished", "new", "changed", "unfinished", "refused"]
 
 
 class DatasetParameters(Parameters):
-    """What the dataset flow may use. in_flight: sequences at once; gpu_hours and store_gb: quotas of one run of the flow and of the store;
-    keep_free_gb: disk space that stays free; until: last stage."""
+    """What the dataset flow may use. in_flight: sequences at once; gpu_hours: quota of one run of the flow, in hours of the
+    pools tracking and rendering, which use no GPU yet; store_gb: quota of the store; keep_free_gb: disk space that stays free; until: last stage."""
 
     in_flight: int = 4
     gpu_hours: float | None = None
@@ -117,13 +118,9 @@ def _wanted(request: Request) -> int:
 
 
 def _all_there(request: Request, store: Store, artifacts: dict[str, list[str]]) -> bool:
-    place = store.root / request.actor / request.sequence
     for stage, (key, digest) in artifacts.items():
-        try:
-            manifest = (place / stage / key / "manifest.json").read_bytes()
-        except OSError:
-            return False
-        if hashlib.sha256(manifest).hexdigest() != digest:
+        ref = store.find(request.actor, request.sequence, stage, key)
+        if ref is None or ref.digest != digest:
             return False
     return True
 

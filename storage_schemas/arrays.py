@@ -3,8 +3,8 @@
 * Arrays along `frame` are cut into chunks of 30 frames within shards of 300; others are one chunk.
 * Every chunk carries a crc32c. In a sharded array it must stand among the *inner* codecs: zarr protects by itself only
   the shard's index, and a flipped bit in a shard would otherwise be read as data (measured with zarr 3.1.6 and 3.4.2).
-* zarr 3.1 reads a missing chunk as zeros without a word. So empty chunks are written too, and the manifest names every
-  file; whoever reads compares them first (`artifact.py`).
+* zarr 3.1 reads a missing chunk as zeros without a word. So empty chunks are written too, a folder is read as `Complete`,
+  and the manifest names every file; whoever reads compares them before and after (`artifact.py`).
 
 Group attributes: `schema`, `schema_version`, `fields` (names and JSON attributes; absent optional arrays are null).
 Array attributes: `unit`. The axis names are zarr's `dimension_names`; an axis of fixed size has none.
@@ -17,13 +17,27 @@ from typing import Any, cast
 
 import numpy as np
 import zarr
+from zarr.abc.store import ByteRequest
 from zarr.codecs import BloscCodec, Crc32cCodec
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import LocalStore
 
 from storage_schemas.faults import Corrupt, Fault, NewerFormat
 from storage_schemas.fields import ArraySpec
 from storage_schemas.record import Record
 
 FRAMES_PER_CHUNK, CHUNKS_PER_SHARD = 30, 10
+
+
+class Complete(LocalStore):
+    """A folder in which everything that is asked for must be; raises FileNotFoundError."""
+
+    async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None) -> Buffer:
+        """The file, or that part of it."""
+        found = await super().get(key, prototype, byte_range)
+        if found is None:
+            raise FileNotFoundError(f"{self.root / key} is gone")
+        return found
 
 
 def write_arrays(record: Record, path: Path) -> None:
@@ -35,10 +49,15 @@ def write_arrays(record: Record, path: Path) -> None:
 
 
 def read_fields(schema: type[Record], path: Path, *, frames: slice | None = None) -> dict[str, Any]:
-    """The stored fields, migrated to `schema`. `frames` reads that part of every array whose first axis is `frame`."""
-    group = zarr.open_group(store=str(path), mode="r", zarr_format=3)
+    """The stored fields, migrated to `schema`. `frames` reads that part of every array whose first axis is `frame`.
+
+    Raises Corrupt, NewerFormat, and FileNotFoundError for what is gone.
+    """
+    folder = Complete(path, read_only=True)
+    group = zarr.open_group(store=folder, mode="r", zarr_format=3)
     version = _stored_version(schema, group, path)
-    stored = dict(group.arrays())
+    names = sorted(metadata.parent.name for metadata in path.glob("*/zarr.json"))  # group.arrays() only warns of one that is gone
+    stored = {name: zarr.open_array(store=folder, path=name, mode="r", zarr_format=3) for name in names}
     fields = cast("dict[str, Any]", group.attrs["fields"]) | {name: _read(array, path, frames) for name, array in stored.items()}
     if version < schema.schema_version:
         return schema.migrate(version, fields)

@@ -4,13 +4,14 @@
     files/           the files, if the schema has any  provenance.json  where it comes from
 
 Before any array is trusted the manifest is compared with the folder: every file present, none added, every size right,
-and the metadata (`zarr.json`) byte for byte. The content of chunks is guarded by their crc32c as they are read.
+and the metadata (`zarr.json`) byte for byte. The content of chunks is guarded by their crc32c as they are read. All this is
+compared once more afterwards: another process may have removed or replaced the artifact meanwhile.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -23,6 +24,7 @@ from storage_schemas.record import Record
 
 DATA, FILES = "data.zarr", "files"
 METADATA = "zarr.json"
+AGAIN = "another process removed it: submit again"
 
 R = TypeVar("R", bound=Record)
 
@@ -39,23 +41,21 @@ def write_artifact(record: Record, provenance: Provenance, folder: Path) -> None
     write_file(folder / MANIFEST, Manifest.of(record, folder).model_dump_json(indent=1).encode())
 
 
-def open_artifact(schema: type[R], folder: Path, *, digest: str | None = None, frames: slice | None = None) -> R:
-    """The record in `folder`. Raises Corrupt, NewerFormat, BadRecord. With `digest`, the manifest must have it."""
-    manifest = checked_manifest(folder, digest=digest)
-    fields = read_fields(schema, folder / DATA, frames=frames)
-    stored = {name.removeprefix(f"{FILES}/"): folder / name for name in manifest.files if name.startswith(f"{FILES}/")}
-    contents = {name: path.read_bytes() for name, path in stored.items()}
-    if schema.files_field:
-        fields[schema.files_field] = contents
-    elif contents:
-        raise Corrupt(Fault(str(folder / FILES), f"holds {', '.join(contents)}, but {schema.__name__} has no files", REMEDY))
+def open_artifact(schema: type[R], folder: Path, *, digest: str, frames: slice | None = None) -> R:
+    """The record in `folder`, whose manifest must have this digest. Raises Corrupt, NewerFormat, BadRecord."""
+    try:
+        manifest = checked_manifest(folder, digest=digest)
+        fields = _read(schema, folder, manifest, frames)
+        checked_manifest(folder, digest=digest)  # again: what vanishes while it is read must not pass for what is in it
+    except FileNotFoundError as gone:
+        raise Corrupt(Fault(str(folder), f"vanished while it was read ({gone})", AGAIN)) from gone
     return schema(**fields)
 
 
-def checked_manifest(folder: Path, *, digest: str | None = None) -> Manifest:
+def checked_manifest(folder: Path, *, digest: str) -> Manifest:
     """The manifest, once names, sizes, metadata and plain files have been compared with it. Raises Corrupt."""
     manifest, found = Manifest.read(folder)
-    if digest is not None and found != digest:
+    if found != digest:
         raise Corrupt(Fault(str(folder / MANIFEST), f"has SHA-256 {found}, the reference says {digest}", REMEDY))
     faults = manifest.size_faults(folder) + manifest.content_faults(folder, lambda name: name.endswith(METADATA) or name.startswith(FILES))
     if faults:
@@ -70,3 +70,14 @@ def read_provenance(folder: Path) -> Provenance:
         return Provenance.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as broken:
         raise Corrupt(Fault(str(path), "is missing or no provenance", REMEDY)) from broken
+
+
+def _read(schema: type[Record], folder: Path, manifest: Manifest, frames: slice | None) -> dict[str, Any]:
+    fields = read_fields(schema, folder / DATA, frames=frames)
+    stored = {name.removeprefix(f"{FILES}/"): folder / name for name in manifest.files if name.startswith(f"{FILES}/")}
+    contents = {name: path.read_bytes() for name, path in stored.items()}
+    if schema.files_field:
+        fields[schema.files_field] = contents
+    elif contents:
+        raise Corrupt(Fault(str(folder / FILES), f"holds {', '.join(contents)}, but {schema.__name__} has no files", REMEDY))
+    return fields

@@ -1,4 +1,4 @@
-"""Every schema by its name: what `physavatar artifacts` and the archives in the tests go through."""
+"""Every schema by its name: what the tests and their archives go through, so that none is forgotten."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@ Canonical JSON: keys sorted, no spaces, ASCII; tuples are lists; numpy scalars a
 value is that integer, so 1 and 1.0 give one key. Booleans stay booleans. NaN and infinity have no JSON and are refused,
 as is everything else that JSON cannot say (paths, sets, arrays): such a value has no spelling all machines share.
 
-The container image's digest is not part of the key: it stands in the provenance. A rebuilt image with the same science
-finds what the old one made.
+The container image is not part of the key: a rebuilt image with the same science finds what the old one made. The versions of
+the packages in it stand in the provenance.
 """
 
 from __future__ import annotations

@@ -69,12 +69,11 @@ class Held(BaseModel):
 
 
 class Lease:
-    """A lease in the hands of this process. `lost` is set when it expired and somebody else took it."""
+    """A lease in the hands of this process. Once it has expired and somebody else took it, it is left to them."""
 
     def __init__(self, path: Path, seconds: float):
         self.path, self.seconds = path, seconds
         self.owner = Owner.this_process()
-        self.lost = threading.Event()
         self._stop = threading.Event()
         self._heart = threading.Thread(target=self._beat, name=f"lease {path.name}", daemon=True)
 
@@ -100,7 +99,6 @@ class Lease:
         while not self._stop.wait(self.seconds / HEARTBEATS_PER_LEASE):
             with contextlib.suppress(OSError), _alone(self.path):  # a full disk: try again at the next beat
                 if not self._is_ours():
-                    self.lost.set()
                     return
                 self._write()
 

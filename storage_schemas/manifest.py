@@ -60,7 +60,10 @@ class Manifest(BaseModel):
 
     def size_faults(self, folder: Path) -> list[Fault]:
         """Files missing, added, or of another size. Costs one `stat` per file, and no `Path`: a plan asks this of every artifact there is."""
-        found = {within: entry.stat().st_size for within, entry in files_below(folder) if within not in OUTSIDE}
+        try:
+            found = {within: entry.stat().st_size for within, entry in files_below(folder) if within not in OUTSIDE}
+        except FileNotFoundError as gone:
+            return [Fault(str(folder), f"is being removed ({gone})", REMEDY)]
         faults = [Fault(str(folder / name), "is missing", REMEDY) for name in self.files.keys() - found.keys()]
         faults += [Fault(str(folder / name), "is not in the manifest", REMEDY) for name in found.keys() - self.files.keys()]
         for name in self.files.keys() & found.keys():

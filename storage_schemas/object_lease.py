@@ -24,12 +24,11 @@ TAKEN = (AlreadyExistsError, PreconditionError)
 
 
 class ObjectLease:
-    """A lease in the hands of this process. `lost` is set when somebody else took it after it expired."""
+    """A lease in the hands of this process. Once it has expired and somebody else took it, it is left to them."""
 
     def __init__(self, objects: Any, name: str, seconds: float):
         self.objects, self.name, self.seconds = objects, name, seconds
         self.owner = Owner.this_process()
-        self.lost = threading.Event()
         self._tag: str | None = None
         self._stop = threading.Event()
         self._heart = threading.Thread(target=self._beat, name=f"lease {name}", daemon=True)
@@ -59,7 +58,6 @@ class ObjectLease:
             try:
                 self._write({"e_tag": self._tag})
             except TAKEN:
-                self.lost.set()
                 return
             except Exception:  # noqa: BLE001  the network is away: try again at the next beat
                 continue

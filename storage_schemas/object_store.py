@@ -17,9 +17,9 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import timedelta
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, TypeVar
 
 import obstore
@@ -29,12 +29,13 @@ from pydantic import ValidationError
 
 from storage_schemas import object_lease
 from storage_schemas.artifact import write_artifact
-from storage_schemas.durable import make_folders, remove_tree, rename_folder, write_file
+from storage_schemas.durable import make_folders, remove_tree, write_file
 from storage_schemas.faults import Corrupt, Fault, StoreFault
 from storage_schemas.layout import checkpoint_folder, new_aside, stage_folder
 from storage_schemas.manifest import MANIFEST, PROVENANCE, Manifest
 from storage_schemas.pointers import Latest
 from storage_schemas.provenance import Provenance
+from storage_schemas.publication import present_digest, put_in_place
 from storage_schemas.record import Record
 from storage_schemas.reference import HEX, NAME, Address, ArtifactRef
 from storage_schemas.store import Entry, Store
@@ -97,24 +98,11 @@ class ObjectStore(Store):
             raise Corrupt(Fault(name, "is missing or no provenance", REMEDY)) from broken
 
     def folder(self, address: Address) -> Path:
-        """A local copy, fetched if need be. Raises Corrupt."""
-        target, (manifest, digest) = super().folder(address), self._manifest(address)
-        if target.exists() and hashlib.sha256((target / MANIFEST).read_bytes()).hexdigest() == digest:
-            return target
-        aside = new_aside(target.parent, "fetched")
-        make_folders(aside)
-        for name in [*manifest.files, PROVENANCE]:
-            path = aside / PurePosixPath(name)
-            make_folders(path.parent)
-            try:
-                write_file(path, self._read(f"{_address(address)}/{digest}/{name}"))
-            except FileNotFoundError as missing:
-                remove_tree(aside)
-                raise Corrupt(Fault(f"{_address(address)}/{name}", "is missing", REMEDY)) from missing
-        write_file(aside / MANIFEST, self._read(f"{_address(address)}/{MANIFEST}"))
-        remove_tree(target)
-        rename_folder(aside, target)
-        remove_tree(aside)
+        """A local copy, fetched if need be. A sound one stays where it is: others may be reading it. Raises Corrupt."""
+        target, digest = super().folder(address), self._digest(address)
+        if present_digest(target) != digest:
+            with self._fetched(address) as fresh:
+                put_in_place(fresh, target, digest=Manifest.read(fresh)[1])
         return target
 
     def lease(
@@ -147,9 +135,8 @@ class ObjectStore(Store):
         faults: list[Fault] = []
         for address in self._addresses() if ref is None else [ref]:
             try:
-                remove_tree(super().folder(address))
-                folder = self.folder(address)
-                faults += Manifest.read(folder)[0].content_faults(folder)
+                with self._fetched(address) as fresh:
+                    faults += Manifest.read(fresh)[0].content_faults(fresh)
             except Corrupt as broken:
                 faults += broken.faults
         return faults
@@ -177,6 +164,28 @@ class ObjectStore(Store):
         """Not here."""
         raise _unsupported(self.url)
 
+    @contextmanager
+    def _fetched(self, address: Address) -> Iterator[Path]:
+        """A new folder aside with everything the manifest names; removed in the end. Raises Corrupt."""
+        aside = new_aside(super().folder(address).parent, "fetched")
+        try:
+            make_folders(aside)
+            self._fetch(address, aside)
+            yield aside
+        finally:
+            remove_tree(aside)
+
+    def _fetch(self, address: Address, aside: Path) -> None:
+        content = self._manifest_content(address)
+        manifest, digest = _parsed(address, content)
+        for name in [*manifest.files, PROVENANCE]:
+            make_folders((aside / name).parent)
+            try:
+                write_file(aside / name, self._read(f"{_address(address)}/{digest}/{name}"))
+            except FileNotFoundError as missing:
+                raise Corrupt(Fault(f"{_address(address)}/{name}", "is missing", REMEDY)) from missing
+        write_file(aside / MANIFEST, content)
+
     def _put_manifest(self, address: Address, content: bytes) -> None:
         name = f"{address}/{MANIFEST}"
         try:
@@ -188,14 +197,14 @@ class ObjectStore(Store):
                     obstore.put(self.objects, name, content, mode={"e_tag": obstore.head(self.objects, name)["e_tag"]})
 
     def _manifest(self, address: Address) -> tuple[Manifest, str]:
+        return _parsed(address, self._manifest_content(address))
+
+    def _manifest_content(self, address: Address) -> bytes:
         name = f"{_address(address)}/{MANIFEST}"
         try:
-            content = self._read(name)
-            return Manifest.model_validate_json(content), hashlib.sha256(content).hexdigest()
+            return self._read(name)
         except FileNotFoundError as missing:
             raise Corrupt(Fault(name, "is missing", REMEDY)) from missing
-        except ValidationError as broken:
-            raise Corrupt(Fault(name, "is no manifest", REMEDY)) from broken
 
     def _digest(self, address: Address) -> str:
         return self._manifest(address)[1]
@@ -234,6 +243,13 @@ class ObjectStore(Store):
 def open_store(location: Path | str) -> Store:
     """The store at a folder or at a URL."""
     return ObjectStore(str(location)) if "://" in str(location) else Store(location)
+
+
+def _parsed(address: Address, content: bytes) -> tuple[Manifest, str]:
+    try:
+        return Manifest.model_validate_json(content), hashlib.sha256(content).hexdigest()
+    except ValidationError as broken:
+        raise Corrupt(Fault(f"{_address(address)}/{MANIFEST}", "is no manifest", REMEDY)) from broken
 
 
 def _address(at: Address) -> str:

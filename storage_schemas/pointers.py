@@ -1,6 +1,6 @@
 """`latest` and pins: the artifacts that somebody counts on. Small JSON files, replaced atomically.
 
-`latest` of a stage is what the report and `physavatar export` take; a pin keeps an artifact, with a reason, for ever.
+`latest` of a stage is what `physavatar export` and the dataset's report begin with; a pin keeps an artifact, with a reason, for ever.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where an artifact comes from: what went in, with which software, where, when, how long and after how many attempts.
+"""Where an artifact comes from: what went in, with which software, where, when, how long and what its stage noted.
 
 Kept beside the manifest and outside it: two machines that compute the same bytes publish the same digest.
 """
@@ -9,14 +9,17 @@ import platform
 import socket
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, model_validator
 
 from storage_schemas.key import plain_json
 from storage_schemas.reference import ArtifactRef
 
 PACKAGES = ("physavatar", "numpy", "scipy", "torch", "numba", "ipctk", "mitsuba", "onnxruntime", "opencv-contrib-python-headless", "zarr")
+
+
+RETIRED = frozenset({"image_digest", "attempts"})  # written until 2026-11-25, and never with anything but the default
 
 
 def software_versions() -> dict[str, str]:
@@ -44,9 +47,12 @@ class Provenance(BaseModel):
     host: str = Field(default_factory=socket.gethostname)
     started: datetime = Field(default_factory=lambda: datetime.now(UTC))
     seconds: float = 0.0
-    image_digest: str | None = None
-    attempts: int = 1
     reasons: tuple[str, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_retired(cls, written: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in written.items() if name not in RETIRED}
 
     def finished(self) -> Self:
         """The same, with the seconds since `started`."""

@@ -33,14 +33,19 @@ def publish(root: Path, record: Record, provenance: Provenance, address: Address
         try:
             write_artifact(record, provenance, aside)
             sync_tree(aside)
-            while not rename_folder(aside, target) and present_digest(target) is None:
-                _set_damaged_aside(stage, target)
+            put_in_place(aside, target)
         except BaseException:
             _outlast_stragglers(aside)
             raise
         remove_tree(aside)
     remove_tree(checkpoint_folder(root, address))
     return Manifest.read(target)[1]
+
+
+def put_in_place(aside: Path, target: Path, *, digest: str | None = None) -> None:
+    """Moves `aside` to `target` unless a sound artifact, of this digest if one is given, lies there; any other is removed."""
+    while not rename_folder(aside, target) and not _is_sound(target, digest):
+        _set_aside(target, digest)
 
 
 def _outlast_stragglers(aside: Path) -> None:
@@ -63,10 +68,16 @@ def present_digest(target: Path) -> str | None:
     return None if manifest.size_faults(target) else digest
 
 
-def _set_damaged_aside(stage: Path, target: Path) -> None:
+def _is_sound(target: Path, digest: str | None) -> bool:
+    found = present_digest(target)
+    return found is not None and digest in (None, found)
+
+
+def _set_aside(target: Path, digest: str | None) -> None:
     """Two may find the damage at once; under the lease the second sees that the first has mended it."""
+    stage = target.parent
     with hold(lease_file(stage, f"mend-{target.name}"), seconds=WRITER_SECONDS, wait=WRITER_SECONDS):
-        if present_digest(target) is None:
+        if not _is_sound(target, digest):
             damaged = new_aside(stage, "damaged")
             with contextlib.suppress(FileNotFoundError):
                 target.rename(damaged)

@@ -15,6 +15,7 @@ This one lies on a POSIX file system; `object_store.py` keeps the same artifacts
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, suppress
 from datetime import timedelta
@@ -26,7 +27,7 @@ from pydantic import BaseModel, ConfigDict
 from storage_schemas import pointers
 from storage_schemas.artifact import open_artifact, read_provenance
 from storage_schemas.durable import full_disk_explained, make_folders, remove_tree
-from storage_schemas.faults import Corrupt, Fault
+from storage_schemas.faults import Corrupt, Fault, StoreFault
 from storage_schemas.format import check_format
 from storage_schemas.layout import addresses, artifact_folder, checkpoint_folder, lease_file, new_aside, stage_folder
 from storage_schemas.lease import Lease, hold
@@ -38,6 +39,7 @@ from storage_schemas.reference import Address, ArtifactRef
 from storage_schemas.sweep import Swept, sweep, touch
 
 R = TypeVar("R", bound=Record)
+URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # with one slash too: a `Path` of s3://bucket has no more
 
 
 class Entry(BaseModel):
@@ -53,9 +55,11 @@ class Entry(BaseModel):
 
 
 class Store:
-    """A folder of artifacts. A new or empty folder becomes a store; any other must be one. Raises NewerFormat, Corrupt."""
+    """A folder of artifacts. A new or empty folder becomes a store; any other must be one. Raises NewerFormat, Corrupt, StoreFault."""
 
     def __init__(self, root: Path | str):
+        if URL.match(str(root)):
+            raise StoreFault(Fault(str(root), "is a URL and no folder", "set PHYSAVATAR_STORE to it, or give it to `open_store` as text"))
         self.root = Path(root).resolve()
         with full_disk_explained(self.root):
             check_format(self.root)

@@ -69,14 +69,28 @@ def test_every_pool_has_workers_everywhere():
     assert set(job_variables("docker")) == set(job_variables("kubernetes")) == set(POOLS)
 
 
-def test_gpu_pools_ask_for_a_gpu():
-    asking = {name for name, pod in pods() if "nvidia.com/gpu" in pod["spec"]["containers"][0]["resources"]["limits"]}
-    assert asking == {"tracking", "rendering"} == {name for name, pod in pods() if "nodeSelector" in pod["spec"]}
-    assert {n for n, s in COMPOSE["services"].items() if s.get("profiles") == ["gpu"]} == asking
-    assert {n for n, v in job_variables("docker").items() if "container_create_kwargs" in v} == asking
-    templates = {name: with_defaults(prefects_template(), v) for name, v in job_variables("kubernetes").items()}
-    jobs = {name: t["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]["containers"][0] for name, t in templates.items()}
-    assert {name for name, job in jobs.items() if job["resources"]["limits"].get("nvidia.com/gpu") == 1} == asking
+def test_nothing_reserves_a_gpu_while_no_stage_uses_one():
+    """Whoever brings a stage to a GPU fails here first, and then gives its pool an image and a request."""
+    code = [path for top in ("flows", "tasks", "storage_schemas") for path in (DEPLOY.parent / top).rglob("*.py")]
+    assert [path for path in code if re.search(r"\bcuda|gsplat|CUDAExecution", path.read_text())] == []
+    described = [*DEPLOY.rglob("*.yaml"), *CONTAINERS.iterdir(), DEPLOY.parent / "pyproject.toml"]
+    assert [path for path in described if re.search(r"(?i)nvidia|cuda|gsplat|-gpu\b|\bgpus: *\d", path.read_text())] == []
+
+
+def test_a_pool_that_asks_for_a_gpu_gets_it_in_its_jobs():
+    job = with_defaults(prefects_template(), {"gpus": 1})["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]["containers"][0]
+    assert job["resources"]["limits"]["nvidia.com/gpu"] == 1
+
+
+def test_every_image_that_is_named_is_built():
+    built = {path.stem for path in CONTAINERS.glob("*.Dockerfile")}
+    named = {
+        name
+        for path in DEPLOY.rglob("*.yaml")
+        for name in re.findall(r"physavatar-(\w+):\d|image: physavatar-(\w+)$|name: physavatar-(\w+), newTag", path.read_text(), re.M)
+    }
+    assert {"".join(name) for name in named} == built
+    assert re.search(r"KINDS:-([\w ]+)}", (CONTAINERS / "build.sh").read_text())[1].split() == sorted(built, reverse=True)
 
 
 def test_defaults_of_jobs_are_variables_that_prefect_knows():

@@ -12,6 +12,7 @@ from flows.service import campaign
 from flows.service.campaign import Campaign, over_quota, run_campaign
 from flows.service.dispatch import WorkFailed
 from storage_schemas.faults import DiskFull
+from storage_schemas.object_store import ObjectStore
 from storage_schemas.store import Store
 from tests.service import tiny
 from tests.service.finished import finished_sequences
@@ -32,8 +33,8 @@ def request_of(at, settings=None):
     return tiny.SERVICE.request(at, settings, Store(settings.store))
 
 
-def compute(at) -> None:
-    request, store = request_of(at), Store(tiny.load().store)
+def compute(at, store=None) -> None:
+    request, store = request_of(at), store or Store(tiny.load().store)
 
     def bring(stage, inputs, done):
         return stage.run(store, at.actor, at.sequence, inputs, request.parameters(stage, done, store), recording=at.recording).ref
@@ -66,12 +67,38 @@ def test_what_is_computed_is_finished_with_and_without_its_mark(place):
     assert list((place / "store/.finished").rglob("*.json")) != []
 
 
-@pytest.mark.parametrize("harm", ["missing", "other"])
-def test_a_mark_does_not_hide_a_damaged_artifact(place, harm):
+HARMS = {
+    "no manifest": lambda artifact: (artifact / "manifest.json").unlink(),
+    "another manifest": lambda artifact: (artifact / "manifest.json").write_text("{}"),
+    "no chunk": lambda artifact: next(artifact.rglob("c.*")).unlink(),
+    "a cut chunk": lambda artifact: next(artifact.rglob("c.*")).write_bytes(b""),
+}
+
+
+@pytest.mark.parametrize("harm", sorted(HARMS))
+def test_a_mark_does_not_hide_a_damaged_artifact_and_it_is_made_again(place, harm, monkeypatch):
     compute(first())
-    manifest = next((place / "store/ann/one/cloth").glob("*/manifest.json"))
-    manifest.unlink() if harm == "missing" else manifest.write_text("{}")
+    HARMS[harm](next((place / "store/ann/one/cloth").iterdir()))
     assert standings()["ann/one"] == "changed"
+    assert run(monkeypatch, sound).counts() == {"completed": 3}
+    assert standings()["ann/one"] == "finished"
+    assert Store(place / "store").verify() == []
+
+
+@pytest.mark.parametrize("lost", ["manifest.json", "c.*"])
+def test_what_a_bucket_lost_is_not_finished_though_it_is_here(place, lost):
+    (place / "bucket").mkdir()
+    store = ObjectStore(f"file://{place}/bucket", cache=place / "here")
+    compute(first(), store)
+    for entry in store.list():
+        store.folder(entry.address)
+
+    def state() -> str:
+        return next(plan_dataset([first()], lambda at: tiny.SERVICE.request(at, tiny.load(), store), store)).state
+
+    assert state() == "finished"
+    next((place / "bucket/ann/one/cloth").rglob(lost)).unlink()
+    assert state() == "changed"
 
 
 def test_a_changed_recording_or_setting_is_changed(place):

@@ -30,7 +30,7 @@ def key_of(number: int, stage: str = "keypoints") -> str:
 
 def provenance(**inputs) -> Provenance:
     """Where an example comes from."""
-    return Provenance(stage="example", stage_version=1, inputs=inputs, parameters={"step": 0.01}, image_digest=None)
+    return Provenance(stage="example", stage_version=1, inputs=inputs, parameters={"step": 0.01})
 
 
 def keypoints(*, frames: int = T, seed: int = 0) -> Keypoints:

@@ -5,12 +5,14 @@
     python -m tests.storage_schemas.test_archives tests/archives/v2
 """
 
+import json
 import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from storage_schemas.catalogue import SCHEMAS
 from storage_schemas.key import artifact_key
@@ -57,6 +59,16 @@ def test_the_newest_archive_of_a_schema_is_of_its_present_version(schema):
     """A changed schema needs a new version and a new archive; a changed field without one fails above."""
     versions = [parameter.values[1].schema_version for parameter in archived() if parameter.values[1].schema_name == schema]
     assert versions[-1:] == [SCHEMAS[schema].schema_version]
+
+
+def test_provenance_with_fields_that_nothing_filled_is_read_and_written_without_them():
+    store = Store(ARCHIVES / "v1")
+    ref = store.latest("archive", "example", "keypoints")
+    written = json.loads((store.folder(ref) / "provenance.json").read_text())
+    assert {"image_digest", "attempts"} <= written.keys()
+    assert store.provenance(ref).model_dump(mode="json").keys() == written.keys() - {"image_digest", "attempts"}
+    with pytest.raises(ValidationError, match="mood"):
+        Provenance(stage="a", stage_version=1, mood="good")
 
 
 def test_the_archives_were_made_of_noise_not_of_zeros():

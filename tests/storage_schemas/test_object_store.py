@@ -1,6 +1,7 @@
 """The store on S3, against a real local server: the same promises as on a disk."""
 
 import multiprocessing
+import shutil
 import socket
 import subprocess
 import sys
@@ -131,6 +132,54 @@ def test_a_damaged_object_is_refused_and_healed(place, tmp_path, harm):
     assert machine(place, tmp_path, "three").open(ref, Tiny) == record()
 
 
+def interleaved(monkeypatch, store: ObjectStore, happens) -> None:
+    """Before `store` fetches its first object something `happens`, once."""
+    read, left = store._read, [happens]
+
+    def interrupted(name):
+        if left and not name.endswith("manifest.json"):
+            left.pop()()
+        return read(name)
+
+    monkeypatch.setattr(store, "_read", interrupted)
+
+
+def test_who_fetches_later_leaves_the_copy_that_others_read(place, tmp_path, monkeypatch):
+    ref = publish(machine(place, tmp_path, "elsewhere"))
+    first, second = machine(place, tmp_path), machine(place, tmp_path)
+    copies = []
+    interleaved(monkeypatch, second, lambda: copies.append(first.folder(ref).stat().st_ino))
+    copies.append(second.folder(ref).stat().st_ino)
+    assert copies[0] == copies[1]
+    assert first.verify() == []
+    copies.append(first.folder(ref).stat().st_ino)
+    assert copies[0] == copies[2]
+    assert list(first.folder(ref).parent.glob(".tmp-*")) == []
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [lambda chunk: chunk.unlink(), lambda chunk: chunk.write_bytes(b""), lambda chunk: shutil.rmtree(chunk.parents[2])],
+    ids=["missing", "empty", "nearly all gone"],
+)
+def test_a_damaged_copy_is_fetched_again(place, tmp_path, harm):
+    store = machine(place, tmp_path)
+    ref = publish(store)
+    harm(next(store.folder(ref).rglob("c.*")))
+    assert store.open(ref, Tiny) == record()
+
+
+def test_another_artifact_under_the_same_key_replaces_the_copy(place, tmp_path):
+    here, elsewhere = machine(place, tmp_path), machine(place, tmp_path, "elsewhere")
+    old = publish(here, 1.0)
+    assert here.open(old, Tiny) == record(1.0)
+    elsewhere.retire(old)
+    new = publish(elsewhere, 2.0)
+    assert here.open(new, Tiny) == record(2.0)
+    with pytest.raises(Corrupt, match="the reference says"):
+        here.open(old, Tiny)
+
+
 def test_a_lease_is_held_once_and_falls_free_when_it_expires(place, tmp_path):
     at = tuple(AT.values())
     one, two = machine(place, tmp_path), machine(place, tmp_path, "two")
@@ -144,9 +193,8 @@ def test_a_lease_is_held_once_and_falls_free_when_it_expires(place, tmp_path):
 
 def test_a_lease_is_kept_alive(place, tmp_path):
     at = tuple(AT.values())
-    with machine(place, tmp_path).lease(*at, seconds=1.0) as lease:
+    with machine(place, tmp_path).lease(*at, seconds=1.0):
         time.sleep(2.5)
-        assert not lease.lost.is_set()
         with pytest.raises(Leased), machine(place, tmp_path, "two").lease(*at):
             pass
 

@@ -1,12 +1,15 @@
 """What is opened is what was published, or an error says which file is not; never zeros."""
 
+import contextlib
 import shutil
 
 import numpy as np
 import pytest
+import zarr.storage
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from storage_schemas import manifest
 from storage_schemas.faults import BadName, BadRecord, Corrupt, NewerFormat
 from storage_schemas.fields import array
 from storage_schemas.keypoints import Keypoints
@@ -14,6 +17,7 @@ from storage_schemas.record import Record
 from storage_schemas.reference import Address, ArtifactRef
 from storage_schemas.report import Report
 from storage_schemas.store import Store
+from storage_schemas.tree import files_below
 from tests.storage_schemas.examples import examples, key_of, keypoints, provenance
 
 AT = {"actor": "anna", "sequence": "walk", "stage": "keypoints"}
@@ -165,6 +169,90 @@ def test_another_artifact_in_the_place_of_this_one_is_refused(store):
     shutil.copytree(store.folder(other), store.folder(mine))
     with pytest.raises(Corrupt, match="the reference says"):
         store.open(mine, Keypoints)
+
+
+class Reading:
+    """How zarr reads: before its read number `at` something `happens`, and after it something `follows`."""
+
+    def __init__(self, monkeypatch):
+        self.read = zarr.storage.LocalStore.get
+        self.expect(0)
+        monkeypatch.setattr(zarr.storage.LocalStore, "get", self._get())
+
+    def expect(self, at, happens=lambda: None, follows=lambda: None):
+        self.count, self.at, self.happens, self.follows = 0, at, happens, follows
+
+    def _get(self):
+        async def get(store, *arguments, **more):
+            self.count += 1
+            due = self.count == self.at
+            if due:
+                self.happens()
+            found = await self.read(store, *arguments, **more)
+            if due:
+                self.follows()
+            return found
+
+        return get
+
+
+@pytest.fixture
+def reading(monkeypatch):
+    return Reading(monkeypatch)
+
+
+def reads_of(reading, store, ref, schema) -> range:
+    reading.expect(0)
+    store.open(ref, schema)
+    return range(1, reading.count + 1)
+
+
+@pytest.mark.parametrize("schema", ["keypoints", "cloth", "report"])
+def test_what_vanishes_while_it_is_read_is_refused(store, reading, schema):
+    """zarr reads a chunk that is gone as zeros, and forgets an array that is gone."""
+    record = examples()[schema]
+    ref = put(store, record)
+    for at in reversed(reads_of(reading, store, ref, type(record))):
+        reading.expect(at, lambda: store.retire(ref))
+        with pytest.raises(Corrupt):
+            store.open(ref, type(record))
+        assert put(store, record) == ref
+
+
+def test_what_is_replaced_while_it_is_read_is_refused(store, reading, tmp_path):
+    """A computation that does not come to the same bits twice, done again: each array is sound, together they are nobody's."""
+    ref = put(store, keypoints(seed=1))
+    elsewhere = Store(tmp_path / "elsewhere")
+    other = elsewhere.folder(put(elsewhere, keypoints(seed=2)))
+    for at in reversed(reads_of(reading, store, ref, Keypoints)):
+        reading.expect(at, lambda: (store.retire(ref), shutil.copytree(other, store.folder(ref))))
+        with pytest.raises(Corrupt):
+            store.open(ref, Keypoints)
+        store.retire(ref)
+        assert put(store, keypoints(seed=1)) == ref
+
+
+def test_what_is_being_removed_is_not_found(store, monkeypatch):
+    ref = put(store, keypoints())
+
+    def files_that_go(folder):
+        listed = list(files_below(folder))
+        store.retire(ref)
+        return listed
+
+    monkeypatch.setattr(manifest, "files_below", files_that_go)
+    assert store.find(**AT, key=ref.key) is None
+
+
+def test_what_is_away_for_a_moment_of_its_reading_is_refused_or_whole(store, reading):
+    """As when somebody mends it: the folder is as published before and after, and was not in between."""
+    record = keypoints()
+    ref = put(store, record)
+    folder, away = store.folder(ref), store.root / "away"
+    for at in reversed(reads_of(reading, store, ref, Keypoints)):
+        reading.expect(at, lambda: folder.rename(away), lambda: away.rename(folder))
+        with contextlib.suppress(Corrupt):
+            assert store.open(ref, Keypoints) == record
 
 
 @pytest.mark.parametrize(
