@@ -1,7 +1,6 @@
 """The dataset flow: plans, submits what is new or changed, a few at a time, goes on past failures, and tells how each ended."""
 
 import asyncio
-import hashlib
 import json
 import shutil
 import time
@@ -19,10 +18,11 @@ from flows.dataset import DatasetParameters, Sequence, Standing, find_sequences,
 from flows.request import Request
 from flows.service.board import Board
 from flows.service.cancellation import cancel_children
-from flows.service.dispatch import Work, WorkFailed, dispatch
+from flows.service.dispatch import Work, WorkFailed, digest, dispatch
 from flows.service.hand_over import actor_work
 from flows.service.order import Service
-from flows.service.survey import json_settings, survey
+from flows.service.settings import json_settings, placed
+from flows.service.survey import survey
 from storage_schemas.durable import make_folders, replace_file
 from storage_schemas.faults import DiskFull
 from storage_schemas.object_store import open_store
@@ -155,12 +155,10 @@ async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, r
 
 
 def dataset_work(settings: Any) -> Work:
-    """The dataset as this configuration sees it, as work for the service; paths made absolute, for workers run elsewhere."""
-    places = {"store": open_store(settings.store).location, "data": Path(settings.data).resolve()}
-    absolute = settings.model_copy(update=places)
+    """The dataset as this configuration sees it, as work for the service."""
+    absolute = placed(settings, open_store(settings.store))
     parameters = json_settings(absolute) | {"dataset": settings.dataset.model_dump(mode="json")}
-    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()[:32]
-    return Work("dataset/service", {"settings": parameters}, f"dataset-{digest}", f"dataset {places['data'].name}")
+    return Work("dataset/service", {"settings": parameters}, f"dataset-{digest(parameters)}", f"dataset {absolute.data.name}")
 
 
 def over_quota(campaign: Campaign, wishes: DatasetParameters, store: Store) -> str | None:

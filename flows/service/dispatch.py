@@ -9,6 +9,7 @@ Children carry the tag `parent:<run>`, by which cancelling a run reaches them (`
 """
 
 import asyncio
+import hashlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from prefect.client.schemas.objects import FlowRun
 from prefect.deployments import arun_deployment
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.runtime import flow_run as this_run
+
+from storage_schemas.key import canonical_json
 
 CRASHES = 3
 POLL_S = 2.0
@@ -45,6 +48,11 @@ class Work:
     key: str
     name: str
     queue: str | None = None
+
+
+def digest(decides: Any) -> str:
+    """32 digits for the key of the work that this JSON decides."""
+    return hashlib.sha256(canonical_json(decides).encode()).hexdigest()[:32]
 
 
 async def dispatch(work: Work) -> FlowRun:
