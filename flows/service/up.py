@@ -5,7 +5,7 @@ import fcntl
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -31,8 +31,13 @@ SECRETS = "PHYSAVATAR_SERVICE__"  # the database's password is the server's busi
 
 
 @contextmanager
-def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None]) -> Iterator[Supervisor]:
-    """Everything running, and ended on leaving. With `service.url` only workers are started. Raises Refused."""
+def up(
+    service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None], places: Mapping[str, str]
+) -> Iterator[Supervisor]:
+    """Everything running, and ended on leaving. With `service.url` only workers are started. Raises Refused.
+
+    places: variables for the workers, which run each flow in a folder of its own (`config.places_of`).
+    """
     with _alone():
         end_marked(home())
         _refuse_taken_port(service)
@@ -47,7 +52,7 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
             wait_for(api_url(service), alive=lambda: service.url is not None or supervisor.kept["server"].process.poll() is None)
             asyncio.run(_furnish(service, described))
             write_note(api_url(service))
-            supervisor.environment = environment | client_environment(service)
+            supervisor.environment = environment | places | client_environment(service)
             for pool in described["pools"]:
                 if (limit := service.workers.get(pool, 0)) > 0:
                     supervisor.keep(pool, worker_command(pool, limit, f"{socket.gethostname()}-{pool}"))
@@ -58,14 +63,14 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
 
 
 @contextmanager
-def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None]) -> Iterator[Supervisor]:
+def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None], places: Mapping[str, str]) -> Iterator[Supervisor]:
     """A worker of one pool of a server elsewhere, kept running. Raises Refused when the server does not answer."""
     with _alone():
         end_marked(home())
         environment = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", SECRETS))}
         adopt(client_environment(service))
         wait_for(api_url(service))
-        supervisor = Supervisor(home(), environment | client_environment(service), tell)
+        supervisor = Supervisor(home(), environment | places | client_environment(service), tell)
         try:
             supervisor.keep(pool, worker_command(pool, limit, f"{socket.gethostname()}-{pool}"))
             yield supervisor
