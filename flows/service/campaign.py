@@ -4,7 +4,7 @@ import asyncio
 import json
 import shutil
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -66,6 +66,11 @@ class Campaign:
         states = [row.state for row in self.rows.values()]
         return {state: states.count(state) for state in sorted(set(states))}
 
+    def ending(self) -> str:
+        """How it ended, once all sequences were looked at."""
+        counts = self.counts()
+        return next((state for state in ("failed", "over quota") if state in counts), "completed")
+
     def write(self) -> None:
         """Put it on disk, whole or not at all; a full disk must not end the campaign, it is tried again."""
         folder = self.store / FOLDER
@@ -106,25 +111,46 @@ async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequ
     def request_of(at: Sequence) -> Request:
         return service.request(at, settings, store)
 
-    due: list[tuple[Sequence, Standing]] = []
-    sequences = list(sequences)
-    for at, standing in zip(sequences, await asyncio.to_thread(lambda: list(plan_dataset(sequences, request_of, store)))):
-        campaign.set(standing, standing.state if standing.state in ("finished", "refused") else "queued", why=standing.why)
-        if standing.state not in ("finished", "refused"):
-            due.append((at, standing))
+    due = await asyncio.to_thread(_plan, campaign, sequences, request_of, store)
     campaign.write()
     board = Board()
     show = asyncio.create_task(_keep_shown(campaign, board))
     waiting = iter(due)
-    await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
-    show.cancel()
-    failed = [f"{row.actor} {row.sequence}: {row.why}" for row in campaign.rows.values() if row.state == "failed"]
-    campaign.state = "failed" if failed else "over quota" if "over quota" in campaign.counts() else "completed"
-    campaign.write()
+    ending = "interrupted"
+    try:
+        await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
+        ending = campaign.ending()
+    finally:
+        show.cancel()
+        campaign.state = ending
+        campaign.write()
     await _show(campaign, board)
-    if failed:
-        raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {failed[0]}")
+    if failed := [row for row in campaign.rows.values() if row.state == "failed"]:
+        first = f"{failed[0].actor} {failed[0].sequence}: {failed[0].why}"
+        raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {first}")
     return campaign
+
+
+def _plan(
+    campaign: Campaign, sequences: Iterable[Sequence], request_of: Callable[[Sequence], Request], store: Store
+) -> list[tuple[Sequence, Standing]]:
+    """What is to be done; every sequence gets its row."""
+    due: list[tuple[Sequence, Standing]] = []
+    for at in sequences:
+        standing = _standing(at, request_of, store)
+        if standing.state in ("finished", "refused"):
+            campaign.set(standing, standing.state, why=standing.why)
+        else:
+            campaign.set(standing, "queued", why=standing.why)
+            due.append((at, standing))
+    return due
+
+
+def _standing(at: Sequence, request_of: Callable[[Sequence], Request], store: Store) -> Standing:
+    try:
+        return next(plan_dataset([at], request_of, store))
+    except Exception as error:  # noqa: BLE001  whatever is wrong with one recording, the others are looked at; its own run will say it again
+        return Standing(at.actor, at.sequence, "unfinished", _reason(error))
 
 
 async def _opened(location: Any) -> Store:
@@ -138,20 +164,31 @@ async def _opened(location: Any) -> Store:
     return open_store(location)
 
 
-async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, request_of: Any, store: Store) -> None:
+async def _worker(
+    waiting: Iterator[tuple[Sequence, Standing]],
+    campaign: Campaign,
+    wishes: DatasetParameters,
+    request_of: Callable[[Sequence], Request],
+    store: Store,
+) -> None:
     for at, standing in waiting:
-        if (reason := over_quota(campaign, wishes, store)) is not None:
-            campaign.set(standing, "over quota", why=reason)
-            continue
-        campaign.set(standing, "running")
-        start, request = time.monotonic(), request_of(at)
+        start = time.monotonic()
         try:
+            if (reason := over_quota(campaign, wishes, store)) is not None:
+                campaign.set(standing, "over quota", why=reason)
+                continue
+            campaign.set(standing, "running")
+            request = request_of(at)
             await dispatch(actor_work(request, store, "batch"))
-        except WorkFailed as failed:
-            campaign.set(standing, "failed", time.monotonic() - start, str(failed))
+            campaign.gpu_seconds += await asyncio.to_thread(_gpu_seconds, request, store, campaign.started)
+        except Exception as error:  # noqa: BLE001  whatever befalls one sequence, the others go on
+            campaign.set(standing, "failed", time.monotonic() - start, _reason(error))
         else:
             campaign.set(standing, "completed", time.monotonic() - start)
-            campaign.gpu_seconds += await asyncio.to_thread(_gpu_seconds, request, store, campaign.started)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, WorkFailed) else f"{type(error).__name__}: {error}"
 
 
 def dataset_work(settings: Any) -> Work:
