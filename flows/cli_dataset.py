@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,6 +63,9 @@ def submit(*, set_: Set = (), store: Location = None, wait: bool = False, json_:
         asyncio.run(dispatch(dataset_work(settings)))
     except WorkFailed as failed:
         Console(stderr=True, highlight=False).print(str(failed))
+        with suppress(Refused):  # it may have failed before it left word, or been refused because of the one that is shown
+            _show(_campaign(open_store(settings.store).root, None), json_)
+        return STAGE_FAILED
     return _show(_campaign(open_store(settings.store).root, None), json_)
 
 
@@ -105,7 +109,7 @@ def _show(found: dict[str, Any], json_: bool) -> int:
         for row in [row for row in found["rows"] if row["state"] != "finished"][:SHOWN]:
             table.add_row(row["actor"], row["sequence"], row["state"], f"{row['seconds']:.0f}", row["why"])
         Console().print(table, f"{found['id']} {found['state']}: {found['counts']}, {found['gpu_hours']} hours of tracking and rendering")
-    return STAGE_FAILED if found["state"] == "failed" else OK
+    return STAGE_FAILED if found["state"] in ("failed", "interrupted") else OK
 
 
 def _print(value: Any) -> int:

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.config import load
+from flows.config import load, places_of
 from flows.endings import CANCELLED, Refused
 
 
@@ -33,9 +33,10 @@ def up(
 
     tell = Console(stderr=True, highlight=False).print
     flags = [f"service.{name}={value}" for name, value in (("host", host), ("port", port)) if value is not None]
-    service = load([*set_, *flags]).service
+    settings = load([*set_, *flags])
+    service = settings.service
     try:
-        with start(service, read(), tell) as supervisor:
+        with start(service, read(), tell, places_of(settings)) as supervisor:
             address = (service.url or f"http://{service.host}:{service.port}").removesuffix("/api")
             sys.stdout.write(f"{address}\n")
             sys.stdout.flush()
@@ -72,8 +73,9 @@ def worker(
     if pool not in POOLS:
         raise Refused(f"there is no pool {pool!r}; the pools are {', '.join(POOLS)}")
     tell = Console(stderr=True, highlight=False).print
+    settings = load(set_)
     try:
-        with work(load(set_).service, pool, limit, tell) as supervisor:
+        with work(settings.service, pool, limit, tell, places_of(settings)) as supervisor:
             tell(f"working for {pool}; log in {supervisor.home / 'logs'}")
             stay(supervisor)
     except KeyboardInterrupt:

@@ -16,7 +16,7 @@ gpu_hours = 100.0                        # quotas, this one of tracking and rend
 import difflib
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,16 +27,19 @@ from flows.dataset import DatasetParameters
 from flows.demo import DemoParameters
 from flows.pipeline import STAGES
 from flows.service.parameters import ServiceParameters
+from flows.service.settings import bundled
 from tasks.geometry.faults import BadInput, Fault
+from tasks.stage import Parameters
 
-CONFIG_FILE = "physavatar.toml"
+CONFIG_FILE, PREFIX = "physavatar.toml", "PHYSAVATAR_"
+NO_SETTINGS = frozenset(f"{PREFIX}{name}" for name in ("CONFIG", "REAL_DATA", "CACHE", "HOME"))
 Place = Annotated[Path | str, BeforeValidator(lambda at: at if "://" in str(at) else Path(at))]
 
 
 class _Places(BaseSettings):
     """Where things are; the stages add one table of parameters each."""
 
-    model_config = SettingsConfigDict(env_prefix="PHYSAVATAR_", env_nested_delimiter="__", extra="forbid", frozen=True)
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter="__", extra="forbid", frozen=True)
 
     store: Place = Field(Path("artifacts"), description="folder of the artifact store, or s3://bucket/prefix")
     data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
@@ -60,7 +63,7 @@ Settings = create_model(
 
 def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Mapping[str, Any] | None = None) -> Any:
     """The settings in force; `overrides` are flags of the form `stage.parameter=value`, `places` flags such as the store."""
-    file = file or Path(os.environ.get("PHYSAVATAR_CONFIG", CONFIG_FILE))
+    file = file or _file()
     values: dict[str, Any] = _read_toml(file) if file.exists() else {}
     for source, text in (*_environment(), *((f"--set {flag}", flag) for flag in overrides)):
         _assign(values, source, text)
@@ -74,6 +77,26 @@ def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Map
         raise BadInput(_explain(str(file), problem) for problem in error.errors()) from None
 
 
+def places_of(settings: Any) -> dict[str, str]:
+    """Environment variables by which `load` finds the same file and the same paths from any working directory."""
+    places = {"config": _file(), **dict(_paths(settings))}
+    return {f"{PREFIX}{name.upper()}": str(place.resolve() if isinstance(place, Path) else place) for name, place in places.items()}
+
+
+def _paths(settings: Any) -> Iterator[tuple[str, Path | str]]:
+    yield "store", settings.store  # may be a URL
+    for name, value in settings:
+        if isinstance(value, Path):
+            yield name, value
+        if isinstance(value, Parameters):
+            own = bundled(value)
+            yield from ((f"{name}__{within}", path) for within, path in value if isinstance(path, Path) and within not in own)
+
+
+def _file() -> Path:
+    return Path(os.environ.get(f"{PREFIX}CONFIG", CONFIG_FILE))
+
+
 def _read_toml(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text())
@@ -82,9 +105,8 @@ def _read_toml(file: Path) -> dict[str, Any]:
 
 
 def _environment() -> list[tuple[str, str]]:
-    prefix = "PHYSAVATAR_"
-    known = {n for n in os.environ if n.startswith(prefix)} - {f"{prefix}{name}" for name in ("CONFIG", "REAL_DATA", "CACHE", "HOME")}
-    return [(n, n.removeprefix(prefix).lower().replace("__", ".") + "=" + os.environ[n]) for n in sorted(known)]
+    known = {n for n in os.environ if n.startswith(PREFIX)} - NO_SETTINGS
+    return [(n, n.removeprefix(PREFIX).lower().replace("__", ".") + "=" + os.environ[n]) for n in sorted(known)]
 
 
 def _assign(values: dict[str, Any], source: str, text: str) -> None:

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from flows.request import Request
-from flows.service.survey import same_settings, survey
+from flows.service.settings import same_settings
+from flows.service.survey import survey
 from storage_schemas.durable import make_folders, replace_file
 from storage_schemas.key import canonical_json
 from storage_schemas.reference import ArtifactRef, name_faults

@@ -1,7 +1,6 @@
 """The parent of one sequence: looks into the store, has the pools do what can be done next, and looks again."""
 
 import asyncio
-import hashlib
 from typing import Any
 
 from prefect import Flow, flow
@@ -9,10 +8,11 @@ from prefect import Flow, flow
 from flows.dataset import mark_finished
 from flows.request import Request
 from flows.service.cancellation import cancel_children
-from flows.service.dispatch import Work, WorkFailed, dispatch
+from flows.service.dispatch import Work, WorkFailed, digest, dispatch
 from flows.service.order import Service
+from flows.service.settings import json_settings
 from flows.service.shown import show_stages
-from flows.service.survey import json_settings, survey
+from flows.service.survey import survey
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 
@@ -39,7 +39,7 @@ async def conduct(request: Request, store: Store, queue: str) -> dict[str, Artif
         found = survey(request, store)
         for pool, stages in found.ready.items():
             if pool not in flying and pool not in failures:
-                flying[pool] = asyncio.create_task(dispatch(_work(request, pool, stages, queue))), stages
+                flying[pool] = asyncio.create_task(dispatch(_work(request, store, pool, stages, queue))), stages
         running = {stage for pool in flying for stage in found.ready.get(pool, {})}  # a run goes from stage to stage of its pool
         if shown != (set(found.done), running) or not flying:
             await show_stages(request, found, running, failures)
@@ -57,18 +57,17 @@ async def conduct(request: Request, store: Store, queue: str) -> dict[str, Artif
     return found.done
 
 
-def _work(request: Request, pool: str, stages: dict[str, str], queue: str) -> Work:
-    place = f"{request.actor}/{request.sequence}"
-    digest = hashlib.sha256("".join([place, *sorted(stages.values())]).encode()).hexdigest()[:32]
+def _work(request: Request, store: Store, pool: str, stages: dict[str, str], queue: str) -> Work:
+    """One pool's part; its key is where the artifacts will lie, not the settings: requests that go apart later share what is the same."""
+    key = digest([store.location, request.actor, request.sequence, stages])
     parameters = {
         "actor": request.actor,
         "sequence": request.sequence,
         "settings": json_settings(request.settings),
         "until": request.until,
     }
-    return Work(
-        f"{pool}/service", parameters, f"{pool}-{digest}", f"{request.actor} {request.sequence}: {pool} from {next(iter(stages))}", queue
-    )
+    name = f"{request.actor} {request.sequence}: {pool} from {next(iter(stages))}"
+    return Work(f"{pool}/service", parameters, f"{pool}-{key}", name, queue)
 
 
 def _failure(task: asyncio.Task, stages: dict[str, str], still_ready: dict[str, str]) -> str | None:

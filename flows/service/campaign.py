@@ -1,11 +1,10 @@
 """The dataset flow: plans, submits what is new or changed, a few at a time, goes on past failures, and tells how each ended."""
 
 import asyncio
-import hashlib
 import json
 import shutil
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -19,10 +18,11 @@ from flows.dataset import DatasetParameters, Sequence, Standing, find_sequences,
 from flows.request import Request
 from flows.service.board import Board
 from flows.service.cancellation import cancel_children
-from flows.service.dispatch import Work, WorkFailed, dispatch
+from flows.service.dispatch import Work, WorkFailed, digest, dispatch
 from flows.service.hand_over import actor_work
 from flows.service.order import Service
-from flows.service.survey import json_settings, survey
+from flows.service.settings import json_settings, placed
+from flows.service.survey import survey
 from storage_schemas.durable import make_folders, replace_file
 from storage_schemas.faults import DiskFull
 from storage_schemas.object_store import open_store
@@ -66,6 +66,11 @@ class Campaign:
         states = [row.state for row in self.rows.values()]
         return {state: states.count(state) for state in sorted(set(states))}
 
+    def ending(self) -> str:
+        """How it ended, once all sequences were looked at."""
+        counts = self.counts()
+        return next((state for state in ("failed", "over quota") if state in counts), "completed")
+
     def write(self) -> None:
         """Put it on disk, whole or not at all; a full disk must not end the campaign, it is tried again."""
         folder = self.store / FOLDER
@@ -106,25 +111,46 @@ async def run_campaign(service: Service, settings: Any, sequences: Iterable[Sequ
     def request_of(at: Sequence) -> Request:
         return service.request(at, settings, store)
 
-    due: list[tuple[Sequence, Standing]] = []
-    sequences = list(sequences)
-    for at, standing in zip(sequences, await asyncio.to_thread(lambda: list(plan_dataset(sequences, request_of, store)))):
-        campaign.set(standing, standing.state if standing.state in ("finished", "refused") else "queued", why=standing.why)
-        if standing.state not in ("finished", "refused"):
-            due.append((at, standing))
+    due = await asyncio.to_thread(_plan, campaign, sequences, request_of, store)
     campaign.write()
     board = Board()
     show = asyncio.create_task(_keep_shown(campaign, board))
     waiting = iter(due)
-    await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
-    show.cancel()
-    failed = [f"{row.actor} {row.sequence}: {row.why}" for row in campaign.rows.values() if row.state == "failed"]
-    campaign.state = "failed" if failed else "over quota" if "over quota" in campaign.counts() else "completed"
-    campaign.write()
+    ending = "interrupted"
+    try:
+        await asyncio.gather(*(_worker(waiting, campaign, wishes, request_of, store) for _ in range(max(1, wishes.in_flight))))
+        ending = campaign.ending()
+    finally:
+        show.cancel()
+        campaign.state = ending
+        campaign.write()
     await _show(campaign, board)
-    if failed:
-        raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {failed[0]}")
+    if failed := [row for row in campaign.rows.values() if row.state == "failed"]:
+        first = f"{failed[0].actor} {failed[0].sequence}: {failed[0].why}"
+        raise WorkFailed(f"{len(failed)} of {len(due)} sequences failed; the first: {first}")
     return campaign
+
+
+def _plan(
+    campaign: Campaign, sequences: Iterable[Sequence], request_of: Callable[[Sequence], Request], store: Store
+) -> list[tuple[Sequence, Standing]]:
+    """What is to be done; every sequence gets its row."""
+    due: list[tuple[Sequence, Standing]] = []
+    for at in sequences:
+        standing = _standing(at, request_of, store)
+        if standing.state in ("finished", "refused"):
+            campaign.set(standing, standing.state, why=standing.why)
+        else:
+            campaign.set(standing, "queued", why=standing.why)
+            due.append((at, standing))
+    return due
+
+
+def _standing(at: Sequence, request_of: Callable[[Sequence], Request], store: Store) -> Standing:
+    try:
+        return next(plan_dataset([at], request_of, store))
+    except Exception as error:  # noqa: BLE001  whatever is wrong with one recording, the others are looked at; its own run will say it again
+        return Standing(at.actor, at.sequence, "unfinished", _reason(error))
 
 
 async def _opened(location: Any) -> Store:
@@ -138,29 +164,38 @@ async def _opened(location: Any) -> Store:
     return open_store(location)
 
 
-async def _worker(waiting: Any, campaign: Campaign, wishes: DatasetParameters, request_of: Any, store: Store) -> None:
+async def _worker(
+    waiting: Iterator[tuple[Sequence, Standing]],
+    campaign: Campaign,
+    wishes: DatasetParameters,
+    request_of: Callable[[Sequence], Request],
+    store: Store,
+) -> None:
     for at, standing in waiting:
-        if (reason := over_quota(campaign, wishes, store)) is not None:
-            campaign.set(standing, "over quota", why=reason)
-            continue
-        campaign.set(standing, "running")
-        start, request = time.monotonic(), request_of(at)
+        start = time.monotonic()
         try:
+            if (reason := over_quota(campaign, wishes, store)) is not None:
+                campaign.set(standing, "over quota", why=reason)
+                continue
+            campaign.set(standing, "running")
+            request = request_of(at)
             await dispatch(actor_work(request, store, "batch"))
-        except WorkFailed as failed:
-            campaign.set(standing, "failed", time.monotonic() - start, str(failed))
+            campaign.gpu_seconds += await asyncio.to_thread(_gpu_seconds, request, store, campaign.started)
+        except Exception as error:  # noqa: BLE001  whatever befalls one sequence, the others go on
+            campaign.set(standing, "failed", time.monotonic() - start, _reason(error))
         else:
             campaign.set(standing, "completed", time.monotonic() - start)
-            campaign.gpu_seconds += await asyncio.to_thread(_gpu_seconds, request, store, campaign.started)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, WorkFailed) else f"{type(error).__name__}: {error}"
 
 
 def dataset_work(settings: Any) -> Work:
-    """The dataset as this configuration sees it, as work for the service; paths made absolute, for workers run elsewhere."""
-    places = {"store": open_store(settings.store).location, "data": Path(settings.data).resolve()}
-    absolute = settings.model_copy(update=places)
+    """The dataset as this configuration sees it, as work for the service."""
+    absolute = placed(settings, open_store(settings.store))
     parameters = json_settings(absolute) | {"dataset": settings.dataset.model_dump(mode="json")}
-    digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()[:32]
-    return Work("dataset/service", {"settings": parameters}, f"dataset-{digest}", f"dataset {places['data'].name}")
+    return Work("dataset/service", {"settings": parameters}, f"dataset-{digest(parameters)}", f"dataset {absolute.data.name}")
 
 
 def over_quota(campaign: Campaign, wishes: DatasetParameters, store: Store) -> str | None:

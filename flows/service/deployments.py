@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 from prefect.client.orchestration import PrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
-from prefect.client.schemas.schedules import CronSchedule, IntervalSchedule
+from prefect.client.schemas.schedules import CronSchedule, IntervalSchedule, RRuleSchedule
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
 from prefect.flows import load_flow_from_entrypoint
 from prefect.utilities.callables import parameter_schema
@@ -86,6 +86,7 @@ async def _queue(client: PrefectClient, pool: str, name: str, priority: int, lim
 async def _deployment(client: PrefectClient, described: dict[str, Any]) -> None:
     flow = load_flow_from_entrypoint(described["entrypoint"])
     limit = described.get("concurrency_limit") or {}
+    switched = await _switched(client, f"{flow.name}/{described['name']}")
     await client.create_deployment(
         flow_id=await client.create_flow(flow),
         name=described["name"],
@@ -96,7 +97,7 @@ async def _deployment(client: PrefectClient, described: dict[str, Any]) -> None:
         work_queue_name=described["work_pool"]["work_queue_name"],
         parameters=described.get("parameters", {}),
         parameter_openapi_schema=parameter_schema(flow).model_dump_for_openapi(),
-        schedules=[_schedule(schedule) for schedule in described.get("schedules", [])],
+        schedules=[_schedule(schedule, switched) for schedule in described.get("schedules", [])],
         enforce_parameter_schema=True,
         **(
             {"concurrency_limit": limit["limit"], "concurrency_options": {"collision_strategy": limit["collision_strategy"]}}
@@ -106,10 +107,25 @@ async def _deployment(client: PrefectClient, described: dict[str, Any]) -> None:
     )
 
 
-def _schedule(described: dict[str, Any]) -> DeploymentScheduleCreate:
+async def _switched(client: PrefectClient, deployment: str) -> dict[str, bool]:
+    """Whether each schedule that the server has is on: Prefect makes all of them anew."""
+    try:
+        known = await client.read_deployment_by_name(deployment)
+    except ObjectNotFound:
+        return {}
+    return {_times(kept.schedule): kept.active for kept in known.schedules}
+
+
+def _times(schedule: CronSchedule | IntervalSchedule | RRuleSchedule) -> str:
+    """When it starts runs; an interval counts from a date that is another one each time it is made."""
+    return repr(schedule.interval) if isinstance(schedule, IntervalSchedule) else repr(schedule)
+
+
+def _schedule(described: dict[str, Any], switched: dict[str, bool]) -> DeploymentScheduleCreate:
     times = (
         CronSchedule(cron=described["cron"], timezone=described.get("timezone", "UTC"))
         if "cron" in described
         else IntervalSchedule(interval=described["interval"])
     )
-    return DeploymentScheduleCreate(schedule=times, active=described["active"], parameters=described.get("parameters", {}))
+    active = switched.get(_times(times), described["active"])
+    return DeploymentScheduleCreate(schedule=times, active=active, parameters=described.get("parameters", {}))

@@ -9,10 +9,12 @@ Children carry the tag `parent:<run>`, by which cancelling a run reaches them (`
 """
 
 import asyncio
+import hashlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from typing import Any, TypeVar
 
 import httpx
@@ -23,10 +25,12 @@ from prefect.deployments import arun_deployment
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.runtime import flow_run as this_run
 
+from storage_schemas.key import canonical_json
+
 CRASHES = 3
 POLL_S = 2.0
 PATIENCE_S = 300.0
-RUNS_PER_KEY = 200  # the longest list the API returns at once
+AT_ONCE = 200  # the longest list the API returns
 
 T = TypeVar("T")
 
@@ -46,6 +50,11 @@ class Work:
     queue: str | None = None
 
 
+def digest(decides: Any) -> str:
+    """32 digits for the key of the work that this JSON decides."""
+    return hashlib.sha256(canonical_json(decides).encode()).hexdigest()[:32]
+
+
 async def dispatch(work: Work) -> FlowRun:
     """Have it run and wait; the completed run. Raises WorkFailed."""
     message = ""
@@ -62,18 +71,14 @@ async def dispatch(work: Work) -> FlowRun:
 
 async def submit(client: PrefectClient, work: Work) -> FlowRun:
     """The run of this work that is under way, or a new one."""
-    keys = [f"{work.key}-{n}" for n in range(RUNS_PER_KEY)]
-    wanted = FlowRunFilter(idempotency_key=FlowRunFilterIdempotencyKey(any_=keys))
-    past = await patiently(lambda: client.read_flow_runs(flow_run_filter=wanted, limit=RUNS_PER_KEY))
+    past = await _past(client, work)
     for run in past:
         if not run.state.is_final():
             return run
-    if len(past) == RUNS_PER_KEY:
-        raise WorkFailed(f"{work.name}: has run {RUNS_PER_KEY} times; look at why before it runs again")
+    taken = {run.idempotency_key for run in past}  # not counted: the server's vacuum removes old runs, and a key that has one returns it
+    key = next(key for n in count() if (key := f"{work.key}-{n}") not in taken)
     create = {"parameters": work.parameters, "flow_run_name": work.name, "work_queue_name": work.queue, "timeout": 0}
-    return await patiently(
-        lambda: arun_deployment(work.deployment, client=client, idempotency_key=keys[len(past)], tags=_family(), **create)
-    )
+    return await patiently(lambda: arun_deployment(work.deployment, client=client, idempotency_key=key, tags=_family(), **create))
 
 
 async def patiently(ask: Callable[[], Awaitable[T]], patience_s: float = PATIENCE_S) -> T:
@@ -87,6 +92,19 @@ async def patiently(ask: Callable[[], Awaitable[T]], patience_s: float = PATIENC
                 raise
         await asyncio.sleep(pause)
         pause = min(2 * pause, 15.0)
+
+
+async def _past(client: PrefectClient, work: Work) -> list[FlowRun]:
+    """All runs of this work that the server still knows."""
+    past: list[FlowRun] = []
+    for start in count(0, AT_ONCE):
+        keys = [f"{work.key}-{n}" for n in range(start, start + AT_ONCE)]
+        wanted = FlowRunFilter(idempotency_key=FlowRunFilterIdempotencyKey(any_=keys))
+        page = await patiently(partial(client.read_flow_runs, flow_run_filter=wanted, limit=AT_ONCE))
+        if not page:
+            break
+        past += page
+    return past
 
 
 def _passing(refused: Exception) -> bool:

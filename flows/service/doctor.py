@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from flows.service.parameters import ServiceParameters, home
-from flows.service.server import adopt, answers, api_url, client_environment
+from flows.service.server import adopt, answers, api_url, running_environment
 
 WORKER_S = 90.0
 
@@ -24,7 +24,7 @@ def server(service: ServiceParameters) -> Iterator[str]:
     url = url_of(service)
     if not answers(url):
         raise ConnectionError(f"nothing answers at {url}")
-    adopt(client_environment(service) | {"PREFECT_API_URL": url})
+    adopt(running_environment(service))
     yield f"{url} {asyncio.run(_asked(_version))}"
 
 

@@ -14,9 +14,9 @@ from prefect.exceptions import ObjectNotFound
 from prefect.logging import get_run_logger
 
 from flows.request import Request
-from flows.service.dispatch import Work, WorkFailed, submit
+from flows.service.dispatch import Work, WorkFailed, digest, submit
 from flows.service.order import Service
-from flows.service.survey import json_settings
+from flows.service.settings import json_settings
 from storage_schemas.reference import ArtifactRef
 from tasks.stage import Stage
 
@@ -45,20 +45,24 @@ def helper_flow(service: Service) -> Flow:
 
 def ask_for_helpers(request: Request, stage: Stage, key: str, count: int) -> None:
     """Have `count` helpers submitted for this stage; a server that does not take them costs a warning."""
+
+    async def ask() -> None:
+        async with get_client() as client:
+            for n in range(count):
+                await submit(client, _work(request, stage, key, n))
+
+    try:
+        asyncio.run(ask())
+    except (httpx.HTTPError, ObjectNotFound, WorkFailed) as refused:
+        get_run_logger().warning("%s: no helpers: %s %s", stage.name, type(refused).__name__, refused)
+
+
+def _work(request: Request, stage: Stage, key: str, n: int) -> Work:
     parameters = {
         "actor": request.actor,
         "sequence": request.sequence,
         "settings": json_settings(request.settings),
         "stage": stage.name,
     }
-
-    async def ask() -> None:
-        async with get_client() as client:
-            for n in range(count):
-                name = f"{request.actor} {request.sequence}: {stage.name}, helper {n + 1}"
-                await submit(client, Work("helper/service", parameters, f"helper-{n}-{key[:32]}", name, QUEUE))
-
-    try:
-        asyncio.run(ask())
-    except (httpx.HTTPError, ObjectNotFound, WorkFailed) as refused:
-        get_run_logger().warning("%s: no helpers: %s %s", stage.name, type(refused).__name__, refused)
+    name = f"{request.actor} {request.sequence}: {stage.name}, helper {n + 1}"
+    return Work("helper/service", parameters, f"helper-{n}-{digest([parameters, key])}", name, QUEUE)

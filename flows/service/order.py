@@ -9,6 +9,7 @@ from pydantic import BaseModel
 from flows.dataset import Sequence
 from flows.line import Line
 from flows.request import Request
+from flows.service.settings import placed
 from storage_schemas.object_store import open_store
 from storage_schemas.reference import ArtifactRef, validate_name
 from storage_schemas.store import Store
@@ -40,6 +41,6 @@ class Service:
 
     def request(self, at: Sequence, settings: Any, store: Store) -> Request:
         """The request for one recording of a dataset."""
-        own = settings.capture.model_copy(update={"recording": at.recording.resolve()})
-        parsed = settings.model_copy(update={"capture": own, "store": store.location})
+        own = settings.capture.model_copy(update={"recording": at.recording})
+        parsed = placed(settings.model_copy(update={"capture": own}), store)
         return Request(at.actor, at.sequence, parsed, self.line, settings.dataset.until, self.scores(at.actor, parsed, store))

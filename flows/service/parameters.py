@@ -2,12 +2,22 @@
 
 import os
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import Field, SecretStr
+from pydantic import BeforeValidator, Field, SecretStr
 
 from tasks.stage import Parameters
 
 POOLS = ("vision", "tracking", "simulation", "rendering", "orchestration")
+
+
+def _set(given: Any) -> Any:
+    """A variable that a shell or a compose file leaves empty is not set."""
+    return None if given in ("", SecretStr("")) else given
+
+
+Text = Annotated[str | None, BeforeValidator(_set)]
+Secret = Annotated[SecretStr | None, BeforeValidator(_set)]
 
 
 class ServiceParameters(Parameters):
@@ -18,10 +28,10 @@ class ServiceParameters(Parameters):
 
     host: str = "127.0.0.1"
     port: int = 4200
-    url: str | None = None
-    database: SecretStr | None = None
-    auth: SecretStr | None = None
-    notify: SecretStr | None = None
+    url: Text = None
+    database: Secret = None
+    auth: Secret = None
+    notify: Secret = None
     workers: dict[str, int] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
     poll_s: float = 2.0
     helpers: int = Field(0, ge=0)

@@ -24,17 +24,28 @@ def api_url(service: ServiceParameters) -> str:
 
 
 def credential(service: ServiceParameters) -> str | None:
-    """`user:password` of the server. One that listens beyond loopback has one: if none is set, it is made up and kept in the home folder."""
+    """`user:password` of the server. One of ours that listens beyond loopback has one: if none is set, it is made up and kept in the home folder.
+
+    Raises Refused for one of those whose credential is no user and password.
+    """
+    beyond = service.url is None and service.host not in LOOPBACK
     if service.auth is not None:
-        return service.auth.get_secret_value()
+        given = service.auth.get_secret_value()
+        if beyond and not all(given.partition(":")):
+            raise Refused(f"service.auth is not user:password, and {service.host} is open to others: correct it, or leave it out")
+        return given
+    if service.url is not None:
+        return None  # what this machine made up is for its own server
     kept = home() / "auth"
-    if kept.exists():
-        return kept.read_text()
-    if service.url is not None or service.host in LOOPBACK:
-        return None
-    made_up = f"physavatar:{secrets.token_urlsafe(24)}"
-    with open(os.open(kept, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:  # noqa: PTH123  the mode from the start
+    known = kept.read_text().strip() if kept.exists() else ""
+    return known or (_made_up(kept) if beyond else None)
+
+
+def _made_up(kept: Path) -> str:
+    made_up, aside = f"physavatar:{secrets.token_urlsafe(24)}", kept.with_name(f"auth.{os.getpid()}")
+    with open(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:  # noqa: PTH123  the mode from the start
         file.write(made_up)
+    aside.replace(kept)
     return made_up
 
 
@@ -84,14 +95,14 @@ def worker_command(pool: str, limit: int, name: str) -> list[str]:
     ]
 
 
-def wait_for(url: str, *, seconds: float = START_S, alive: Callable[[], bool] = lambda: True) -> None:
-    """Until the server answers. Raises Refused with what to look at."""
+def wait_for(url: str, otherwise: str, *, seconds: float = START_S, alive: Callable[[], bool] = lambda: True) -> None:
+    """Until the server answers. Raises ConnectionRefusedError with what to look at."""
     until = time.monotonic() + seconds
     while time.monotonic() < until and alive():
         if answers(url):
             return
         time.sleep(0.3)
-    raise Refused(f"the Prefect server does not answer at {url}; see {home() / 'logs' / 'server.log'}")
+    raise ConnectionRefusedError(f"nothing answers at {url}: {otherwise}")
 
 
 def answers(url: str) -> bool:
@@ -103,12 +114,20 @@ def answers(url: str) -> bool:
 
 
 def speak_to_server(service: ServiceParameters) -> None:
-    """Make this process a client: of the server set, or of the one that `physavatar up` runs on this machine. Raises Refused."""
-    note = home() / "up.json"
-    running = json.loads(note.read_text()) if service.url is None and note.exists() else {}
-    adopt(client_environment(service) | ({"PREFECT_API_URL": running["url"]} if running else {}))
+    """Make this process a client: of the server set, or of the one that `physavatar up` runs on this machine. Raises ConnectionRefusedError."""
+    adopt(running_environment(service))
     if not answers(os.environ["PREFECT_API_URL"]):
         raise ConnectionRefusedError(f"no Prefect server answers at {os.environ['PREFECT_API_URL']}: start one with `physavatar up`")
+
+
+def running_environment(service: ServiceParameters) -> dict[str, str]:
+    """`client_environment` for the server set, or for the one of which `physavatar up` left word on this machine."""
+    note = home() / "up.json"
+    if service.url is not None or not note.exists():
+        return client_environment(service)
+    running = json.loads(note.read_text())
+    meant = service if running["own"] else service.model_copy(update={"url": running["url"]})
+    return client_environment(meant) | {"PREFECT_API_URL": running["url"]}
 
 
 def adopt(environment: dict[str, str]) -> None:
@@ -120,6 +139,6 @@ def adopt(environment: dict[str, str]) -> None:
         refresh_global_settings_context()
 
 
-def write_note(url: str) -> None:
-    """Leave word where this machine's server is."""
-    (home() / "up.json").write_text(json.dumps({"url": url, "pid": os.getpid()}))
+def write_note(service: ServiceParameters) -> None:
+    """Leave word where the server is that this machine's workers serve, and whether it is this machine's own."""
+    (home() / "up.json").write_text(json.dumps({"url": api_url(service), "own": service.url is None, "pid": os.getpid()}))

@@ -1,6 +1,6 @@
 """Processes that are kept running: started again when they die, ended together, none left behind.
 
-Each leads a session of its own and carries PHYSAVATAR_UP=<home> in its environment, which everything it starts inherits: by that, what
+Each leads a session of its own and carries KEPT_BY_PHYSAVATAR=<home> in its environment, which everything it starts inherits: by that, what
 outlived a killed supervisor is found. Linux.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-MARK = "PHYSAVATAR_UP"
+MARK = "KEPT_BY_PHYSAVATAR"  # not PHYSAVATAR_…: that would be a setting, and an unknown one
 GRACE_S = 15.0
 PAUSE_S = (0.0, 1.0, 5.0, 15.0, 30.0)  # before the first, second, … start again; a run of five minutes counts as a success
 SUCCESS_S = 300.0

@@ -1,10 +1,8 @@
 """What is done for one sequence and what could be done next, by looking into the store alone."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from flows.request import Request
-from storage_schemas.key import canonical_json
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from tasks.stage import Stage
@@ -32,13 +30,3 @@ def survey(request: Request, store: Store) -> Survey:
         return ref
 
     return Survey(request.line.walk(request.until, bring), ready)
-
-
-def json_settings(settings: Any) -> dict[str, Any]:
-    """The settings as parameters of a flow run: plain JSON, without what only the server or the submitter needs."""
-    return settings.model_dump(mode="json", exclude={"service", "dataset", "demo"})
-
-
-def same_settings(settings: Any) -> str:
-    """One spelling of everything in the settings that decides artifacts; places do not."""
-    return canonical_json(settings.model_dump(mode="json", exclude={"service", "dataset", "demo", "store", "data"}))

@@ -5,7 +5,7 @@ import fcntl
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -27,12 +27,18 @@ from flows.service.server import (
 from flows.service.supervisor import Supervisor, end_marked
 
 TEND_EVERY_S = 20.0
+ELSEWHERE = "start it, or correct service.url"
 SECRETS = "PHYSAVATAR_SERVICE__"  # the database's password is the server's business, not the workers'
 
 
 @contextmanager
-def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None]) -> Iterator[Supervisor]:
-    """Everything running, and ended on leaving. With `service.url` only workers are started. Raises Refused."""
+def up(
+    service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None], places: Mapping[str, str]
+) -> Iterator[Supervisor]:
+    """Everything running, and ended on leaving. With `service.url` only workers are started. Raises Refused, ConnectionRefusedError.
+
+    places: variables for the workers, which run each flow in a folder of its own (`config.places_of`).
+    """
     with _alone():
         end_marked(home())
         _refuse_taken_port(service)
@@ -44,10 +50,10 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
         try:
             if service.url is None:
                 supervisor.keep("server", server_command(service))
-            wait_for(api_url(service), alive=lambda: service.url is not None or supervisor.kept["server"].process.poll() is None)
+            _wait(service, supervisor)
             asyncio.run(_furnish(service, described))
-            write_note(api_url(service))
-            supervisor.environment = environment | client_environment(service)
+            write_note(service)
+            supervisor.environment = environment | places | client_environment(service)
             for pool in described["pools"]:
                 if (limit := service.workers.get(pool, 0)) > 0:
                     supervisor.keep(pool, worker_command(pool, limit, f"{socket.gethostname()}-{pool}"))
@@ -58,14 +64,14 @@ def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[st
 
 
 @contextmanager
-def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None]) -> Iterator[Supervisor]:
-    """A worker of one pool of a server elsewhere, kept running. Raises Refused when the server does not answer."""
+def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None], places: Mapping[str, str]) -> Iterator[Supervisor]:
+    """A worker of one pool of a server elsewhere, kept running. Raises ConnectionRefusedError when the server does not answer."""
     with _alone():
         end_marked(home())
         environment = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", SECRETS))}
         adopt(client_environment(service))
-        wait_for(api_url(service))
-        supervisor = Supervisor(home(), environment | client_environment(service), tell)
+        wait_for(api_url(service), ELSEWHERE)
+        supervisor = Supervisor(home(), environment | places | client_environment(service), tell)
         try:
             supervisor.keep(pool, worker_command(pool, limit, f"{socket.gethostname()}-{pool}"))
             yield supervisor
@@ -74,9 +80,9 @@ def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str]
 
 
 def furnish(service: ServiceParameters, described: dict[str, Any], kind: str, variables: dict[str, dict[str, Any]]) -> None:
-    """Automations, pools of this kind and deployments on a server elsewhere."""
+    """Automations, pools of this kind and deployments on a server elsewhere. Raises ConnectionRefusedError."""
     adopt(client_environment(service))
-    wait_for(api_url(service))
+    wait_for(api_url(service), ELSEWHERE)
     asyncio.run(_furnish(service, described, kind, variables))
 
 
@@ -119,6 +125,14 @@ async def _furnish(
     async with get_client() as client:
         await arm(client, service.notify)
         await deploy(client, with_parameter(described, "helpers", service.helpers), kind=kind, variables=variables or {})
+
+
+def _wait(service: ServiceParameters, supervisor: Supervisor) -> None:
+    if service.url is not None:
+        wait_for(service.url, ELSEWHERE)
+        return
+    server = supervisor.kept["server"]
+    wait_for(api_url(service), f"see {server.log}", alive=lambda: server.process.poll() is None)
 
 
 def _refuse_taken_port(service: ServiceParameters) -> None:

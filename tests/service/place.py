@@ -70,7 +70,7 @@ def service(place: Path, *, workers: dict[str, int] | None = None, **more: Any) 
         parameters = ServiceParameters(port=port, database=url, workers=limits, poll_s=1.0, **more)
         before = dict(os.environ)
         ended = threading.Event()
-        with up(parameters, read(Path(__file__).with_name("tiny.yaml")), print) as supervisor:
+        with up(parameters, read(Path(__file__).with_name("tiny.yaml")), print, {}) as supervisor:
             keeper = threading.Thread(target=stay, args=(supervisor, ended.is_set))
             keeper.start()
             supervisor.database = f"physavatar_test_{port}" if url else None

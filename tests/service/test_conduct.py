@@ -25,6 +25,6 @@ def test_the_table_follows_a_run_from_stage_to_stage_of_its_pool(monkeypatch):
     monkeypatch.setattr(actor, "json_settings", lambda settings: {})
     monkeypatch.setattr(actor, "LOOK_EVERY_S", 0.02)
     request = SimpleNamespace(actor="ann", sequence="one", settings=None, until="report")
-    asyncio.run(actor.conduct(request, None, "single"))
+    asyncio.run(actor.conduct(request, SimpleNamespace(location="store"), "single"))
     assert dispatched == ["tracking/service"]
     assert [running for running in told if running] == [{"tracking"}, {"registration"}]

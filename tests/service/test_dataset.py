@@ -5,10 +5,13 @@ import json
 import os
 from pathlib import Path
 
+import httpx
 import pytest
 
+from flows import cli_dataset
 from flows.dataset import DatasetParameters, counts, find_sequences, mark_finished, plan_dataset
-from flows.service import campaign
+from flows.endings import OK, STAGE_FAILED
+from flows.service import campaign, dispatch, server
 from flows.service.campaign import Campaign, over_quota, run_campaign
 from flows.service.dispatch import WorkFailed
 from storage_schemas.faults import DiskFull
@@ -168,9 +171,86 @@ def test_it_goes_on_past_a_failure_and_ends_failed(place, monkeypatch):
 
     with pytest.raises(WorkFailed, match=r"1 of 3 sequences failed; the first: ann one: ann one: cloth: no memory"):
         run(monkeypatch, ann_one_fails)
-    kept = json.loads(next((place / "store/.datasets").glob("*.json")).read_text())
-    assert kept["state"] == "failed"
-    assert kept["counts"] == {"completed": 2, "failed": 1}
+    assert kept(place)["state"] == "failed"
+    assert kept(place)["counts"] == {"completed": 2, "failed": 1}
+
+
+def kept(place: Path) -> dict:
+    """The campaign as it lies on disk."""
+    return json.loads(next((place / "store/.datasets").glob("*.json")).read_text())
+
+
+def nothing_of_ann_one(monkeypatch, name: str, error: Exception) -> None:
+    """`campaign.name` raises it for ann one, for the others nothing changes."""
+    original = getattr(campaign, name)
+
+    def trouble(request, *arguments):
+        if request.actor == "ann" and request.sequence == "one":
+            raise error
+        return original(request, *arguments)
+
+    monkeypatch.setattr(campaign, name, trouble)
+
+
+@pytest.mark.parametrize("step", ["_gpu_seconds", "actor_work"])
+@pytest.mark.parametrize("error", [ValueError("provenance.json: not JSON"), FileNotFoundError("gone"), httpx.ConnectError("away")])
+def test_whatever_befalls_one_sequence_the_others_go_on(place, monkeypatch, step, error):
+    nothing_of_ann_one(monkeypatch, step, error)
+    with pytest.raises(WorkFailed, match=f"1 of 3 sequences failed; the first: ann one: {type(error).__name__}: {error}"):
+        run(monkeypatch, sound)
+    assert kept(place)["state"] == "failed"
+    assert kept(place)["counts"] == {"completed": 2, "failed": 1}
+
+
+def test_a_recording_that_cannot_be_looked_at_does_not_end_the_plan(place, monkeypatch):
+    def look(sequences, request_of, store):
+        for at in sequences:
+            if at.sequence == "two":
+                raise PermissionError(at.recording)
+            yield from plan_dataset([at], request_of, store)
+
+    monkeypatch.setattr(campaign, "plan_dataset", look)
+    assert run(monkeypatch, sound).counts() == {"completed": 3}
+
+
+def test_a_run_that_is_ended_does_not_stay_running(place, monkeypatch):
+    async def ended(work):
+        raise asyncio.CancelledError
+
+    with pytest.raises(asyncio.CancelledError):
+        run(monkeypatch, ended)
+    assert kept(place)["state"] == "interrupted"
+
+
+@pytest.fixture
+def waited(place, monkeypatch):
+    """waited(dispatched) → exit code of `dataset submit --wait` while another campaign of this store is under way."""
+    Campaign(place / "store").write()
+    monkeypatch.setenv("PHYSAVATAR_DATA", str(place / "data"))
+    monkeypatch.setattr(server, "speak_to_server", lambda service: None)
+
+    def go(dispatched, store: str = "store") -> int:
+        monkeypatch.setattr(dispatch, "dispatch", dispatched)
+        return cli_dataset.submit(store=place / store, wait=True, json_=True)
+
+    return go
+
+
+@pytest.mark.parametrize("store", ["store", "without any campaign"])
+def test_a_dataset_that_was_refused_or_failed_is_no_success(waited, capsys, store):
+    async def refused(work):
+        raise WorkFailed("dataset data: Cancelled: concurrency limit reached")
+
+    assert waited(refused, store) == STAGE_FAILED
+    assert "concurrency limit reached" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_dataset_that_went_through_is_shown(waited, capsys):
+    async def done(work):
+        return None
+
+    assert waited(done) == OK
+    assert json.loads(capsys.readouterr().out)["state"] == "running"
 
 
 def test_over_quota_nothing_more_is_submitted(place, monkeypatch):

@@ -11,6 +11,7 @@ from prefect.serializers import JSONSerializer
 from pydantic import SecretStr
 
 from flows.config import load
+from flows.endings import Refused
 from flows.service import server
 from flows.service.parameters import ServiceParameters
 from flows.service.results import ForeignRecord, refuse_foreign_records
@@ -73,11 +74,57 @@ def test_secrets_are_shown_nowhere(monkeypatch):
     assert settings.service.auth.get_secret_value() == "me:hidden2"
 
 
-def test_a_server_beyond_loopback_always_has_a_password(tmp_path, monkeypatch):
+@pytest.fixture
+def at_home(tmp_path, monkeypatch):
     monkeypatch.setenv("PHYSAVATAR_HOME", str(tmp_path))
+    return tmp_path
+
+
+OPEN = "0.0.0.0"
+
+
+def test_a_server_beyond_loopback_always_has_a_password(at_home):
     assert server.credential(ServiceParameters()) is None
-    made_up = server.credential(ServiceParameters(host="0.0.0.0"))
+    made_up = server.credential(ServiceParameters(host=OPEN))
     assert len(made_up) > 30
-    assert (tmp_path / "auth").stat().st_mode & 0o077 == 0
-    assert server.credential(ServiceParameters(host="0.0.0.0")) == made_up
+    assert (at_home / "auth").stat().st_mode & 0o077 == 0
+    assert [file.name for file in at_home.iterdir()] == ["auth"]
+    assert server.credential(ServiceParameters(host=OPEN)) == made_up
     assert server.server_environment(ServiceParameters(auth=SecretStr("a:b")))["PREFECT_SERVER_API_AUTH_STRING"] == "a:b"
+
+
+def test_an_empty_password_is_none(at_home, monkeypatch):
+    monkeypatch.setenv("PHYSAVATAR_SERVICE__AUTH", "")
+    service = load([f"service.host={OPEN}"]).service
+    assert service.auth is None
+    assert len(server.server_environment(service)["PREFECT_SERVER_API_AUTH_STRING"]) > 30
+
+
+def test_a_password_that_was_not_written_to_its_end_is_made_anew(at_home):
+    (at_home / "auth").touch()
+    made_up = server.credential(ServiceParameters(host=OPEN))
+    assert len(made_up) > 30
+    assert (at_home / "auth").read_text() == made_up
+    assert (at_home / "auth").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize("given", ["hidden", ":hidden", "hidden:", ":"])
+def test_what_is_no_user_and_password_is_refused_where_others_can_reach(at_home, given):
+    with pytest.raises(Refused, match="not user:password") as refused:
+        server.credential(ServiceParameters(host=OPEN, auth=SecretStr(given)))
+    assert "hidden" not in str(refused.value)
+    assert server.credential(ServiceParameters(auth=SecretStr(given))) == given
+
+
+def test_the_own_password_is_told_to_no_other_server(at_home):
+    made_up = server.credential(ServiceParameters(host=OPEN))
+    other = ServiceParameters(url="http://other:4200/api")
+    assert server.credential(other) is None
+    server.write_note(other)  # `physavatar up` with workers for it alone
+    environment = server.running_environment(ServiceParameters())
+    assert environment["PREFECT_API_URL"] == "http://other:4200/api"
+    assert "PREFECT_API_AUTH_STRING" not in environment
+    server.write_note(ServiceParameters(host=OPEN, port=4300))
+    environment = server.running_environment(ServiceParameters())
+    assert environment["PREFECT_API_URL"] == "http://127.0.0.1:4300/api"
+    assert environment["PREFECT_API_AUTH_STRING"] == made_up
