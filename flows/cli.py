@@ -195,13 +195,11 @@ def logs(run: str | None = None, *, store: StoreFolder = None, follow: bool = Fa
 
 @app.command
 def cancel(run: str | None = None, *, store: StoreFolder = None) -> int:
-    """Stop a run (the newest if none is named); finished stages stay in the store."""
-    from flows.runs import find_run
+    """Stop a run of this machine (the newest run if none is named); finished stages stay in the store."""
+    from flows.runs import find_run, stop
 
     found = _found(find_run(_store_root(store), run), run)
-    if found["state"] != "running":
-        raise Refused(f"run {found['id']} is not running: it {found['state']}")
-    os.kill(found["pid"], signal.SIGTERM)
+    stop(found)
     ERR.print(f"asked run {found['id']} (process {found['pid']}) to stop")
     return OK
 
