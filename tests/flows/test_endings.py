@@ -7,7 +7,9 @@ from flows.endings import TIMED_OUT, UNREACHABLE, ending_of
 from tasks.child_process import ChildTimedOut
 
 
-@pytest.mark.parametrize("error", [httpx.ConnectTimeout("all attempts failed"), httpx.ConnectError("no route"), ConnectionRefusedError("no")])
+@pytest.mark.parametrize(
+    "error", [httpx.ConnectTimeout("all attempts failed"), httpx.ConnectError("no route"), ConnectionRefusedError("no")]
+)
 def test_a_server_that_cannot_be_reached_is_no_stage_that_took_too_long(error):
     code, said = ending_of(error)
     assert code == UNREACHABLE and "cannot be reached" in said and "timeout" not in said
