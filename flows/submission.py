@@ -68,7 +68,7 @@ class Submission:
 
     @classmethod
     def prepare(
-        cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | None, console: Console
+        cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | str | None, console: Console
     ) -> "Submission":
         """Resolve names and settings; refuses what cannot be, before any work."""
         validate_name(actor, "actor")

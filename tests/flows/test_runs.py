@@ -11,6 +11,7 @@ import pytest
 from flows import cli
 from flows.runs import RunRecord, find_run, list_runs
 from storage_schemas.lease import Owner
+from storage_schemas.object_store import open_store
 from storage_schemas.store import Store
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -83,3 +84,25 @@ def test_a_record_that_does_not_say_when_its_process_began_is_of_a_run_that_is_o
     record.file.write_text(json.dumps(old | {"pid": bystander.pid}))
     assert run("cancel") == 2
     assert bystander.poll() is None
+
+
+@pytest.mark.parametrize("named", ["configuration", "flag"])
+def test_runs_of_an_object_store_are_found_where_they_are_written(tmp_path, monkeypatch, capsys, named):
+    """Records lie in the store's local part; nothing here speaks to the bucket."""
+    url, flag = "s3://bucket/prefix", []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PHYSAVATAR_CACHE", str(tmp_path / "cache"))
+    if named == "flag":
+        flag = ["--store", url]
+    else:
+        monkeypatch.setenv("PHYSAVATAR_STORE", url)
+    record = RunRecord(open_store(url).root, "ann", "one")
+    record.say("begun")
+    assert run("status", "--json", *flag) == 0
+    assert [found["id"] for found in json.loads(capsys.readouterr().out)] == [record.id]
+    assert run("logs", *flag) == 0
+    assert "begun" in capsys.readouterr().out
+    record.end("completed")
+    assert run("cancel", *flag) == 2
+    assert "it completed" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["cache"]
