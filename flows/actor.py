@@ -27,10 +27,14 @@ def run_actor(request: Request, store: Store, record: RunRecord) -> dict[str, Ar
 
 
 def use_local_prefect(root: Path) -> None:
-    """Prefect's database and results beside the store, its server in this process group, nothing sent anywhere."""
-    home = root.resolve() / ".prefect"
+    """Prefect's database and results beside the store, its server in this process group, nothing sent anywhere.
+
+    A server, a home or a database that the user's environment or profile names is another Prefect's: of those nothing is taken over.
+    """
+    os.environ["PREFECT_HOME"] = str(root.resolve() / ".prefect")
+    for name in ("PREFECT_API_URL", "PREFECT_SERVER_DATABASE_CONNECTION_URL"):
+        os.environ.pop(name, None)
     for name, value in {
-        "PREFECT_HOME": str(home),
         "PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "true",
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "150",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",

@@ -47,7 +47,7 @@ app.command("flows.cli_up:deploy", name="deploy")
 
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
-StoreFolder = Annotated[Path | None, Parameter(name="--store", help="Folder of the artifact store.")]
+Location = Annotated[str | None, Parameter(name="--store", help="Folder of the artifact store, or s3://bucket/prefix.")]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -76,7 +76,7 @@ def submit(
     sequence: str | None = None,
     until: str = "report",
     set_: Set = (),
-    store: StoreFolder = None,
+    store: Location = None,
     wait: bool = True,
     service: Annotated[bool, Parameter(name="--service", negative="")] = False,
     json_: Json = False,
@@ -104,7 +104,7 @@ def submit(
 
 
 @app.command
-def demo(*, set_: Set = (), store: StoreFolder = None, json_: Json = False) -> int:
+def demo(*, set_: Set = (), store: Location = None, json_: Json = False) -> int:
     """Make the demo recording, process it, and compare the result with the truth."""
     return submit("demo", set_=set_, store=store, json_=json_)
 
@@ -117,7 +117,7 @@ def plan(
     until: str = "report",
     explain: bool = False,
     set_: Set = (),
-    store: StoreFolder = None,
+    store: Location = None,
     json_: Json = False,
 ) -> int:
     """What `submit` would compute and what it would take from the store; --explain says which key field changed."""
@@ -141,7 +141,7 @@ def rerun(
     with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     sequence: str | None = None,
     set_: Set = (),
-    store: StoreFolder = None,
+    store: Location = None,
     json_: Json = False,
 ) -> int:
     """Compute a stage and all after it anew, with changed parameters if given; artifacts of the old parameters stay.
@@ -166,7 +166,7 @@ def rerun(
 
 
 @app.command
-def status(run: str | None = None, *, store: StoreFolder = None, json_: Json = False) -> int:
+def status(run: str | None = None, *, store: Location = None, json_: Json = False) -> int:
     """Runs of this machine and how far each stage is; with a run's id (or its beginning) that one only."""
     from flows.runs import list_runs
 
@@ -179,7 +179,7 @@ def status(run: str | None = None, *, store: StoreFolder = None, json_: Json = F
 
 
 @app.command
-def logs(run: str | None = None, *, store: StoreFolder = None, follow: bool = False) -> int:
+def logs(run: str | None = None, *, store: Location = None, follow: bool = False) -> int:
     """The log of a run, the newest if none is named."""
     from flows.runs import find_run
 
@@ -194,14 +194,12 @@ def logs(run: str | None = None, *, store: StoreFolder = None, follow: bool = Fa
 
 
 @app.command
-def cancel(run: str | None = None, *, store: StoreFolder = None) -> int:
-    """Stop a run (the newest if none is named); finished stages stay in the store."""
-    from flows.runs import find_run
+def cancel(run: str | None = None, *, store: Location = None) -> int:
+    """Stop a run of this machine (the newest run if none is named); finished stages stay in the store."""
+    from flows.runs import find_run, stop
 
     found = _found(find_run(_store_root(store), run), run)
-    if found["state"] != "running":
-        raise Refused(f"run {found['id']} is not running: it {found['state']}")
-    os.kill(found["pid"], signal.SIGTERM)
+    stop(found)
     ERR.print(f"asked run {found['id']} (process {found['pid']}) to stop")
     return OK
 
@@ -230,7 +228,7 @@ def stages(*, json_: Json = False) -> int:
 
 
 @app.command
-def doctor(*, store: StoreFolder = None, json_: Json = False) -> int:
+def doctor(*, store: Location = None, json_: Json = False) -> int:
     """Check this machine: libraries, LLVM, model files, storage rights, disk, clock."""
     from flows.doctor import examine
 
@@ -245,20 +243,22 @@ def doctor(*, store: StoreFolder = None, json_: Json = False) -> int:
 
 
 @config.command
-def check(*, set_: Set = (), store: StoreFolder = None, json_: Json = False) -> int:
+def check(*, set_: Set = (), store: Location = None, json_: Json = False) -> int:
     """Read the configuration as `submit` would and show what is in force."""
     settings = _settings(store, set_)
     return _print_json(settings.model_dump(mode="json")) if json_ else (OUT.print_json(settings.model_dump_json()), OK)[1]
 
 
-def _settings(store: Path | None, overrides: tuple[str, ...] = ()) -> Any:
+def _settings(store: str | None, overrides: tuple[str, ...] = ()) -> Any:
     from flows.config import load
 
     return load(overrides, places={"store": store})
 
 
-def _store_root(store: Path | None) -> Path:
-    return Path(_settings(store).store)
+def _store_root(store: str | None) -> Path:
+    from storage_schemas.object_store import open_store
+
+    return open_store(_settings(store).store).root
 
 
 def _in_background(arguments: list[str]) -> int:

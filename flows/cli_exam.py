@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
+from cyclopts.validators import Number
 from rich.console import Console
 from rich.table import Table
 
@@ -16,6 +17,7 @@ from tasks.geometry.faults import Fault, refuse
 app = App(name="exam", help="The blind check of the diagnosis.")
 Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
+AtLeastOne = Annotated[int, Parameter(validator=Number(gte=1))]
 Json = Annotated[bool, Parameter(name="--json", negative="")]
 OUT, ERR = Console(), Console(stderr=True)
 
@@ -23,11 +25,11 @@ OUT, ERR = Console(), Console(stderr=True)
 @app.default
 def exam(
     *,
-    cases: int = 160,
+    cases: AtLeastOne = 160,
     seed: int = 0,
     split: Split = "open",
     engine: Engine = "own",
-    at_once: int = 1,
+    at_once: AtLeastOne = 1,
     service: Annotated[bool, Parameter(name="--service", negative="")] = False,
     out: Path = Path("exam"),
     rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
@@ -71,6 +73,7 @@ def _tell(result: dict[str, Any], folder: Path, json_: bool) -> int:
     """Page and JSON into the folder, and what was asked for to stdout."""
     from tasks.exam.scorer.page import page
 
+    folder.mkdir(parents=True, exist_ok=True)  # nobody has made it where every case is on the scoreboard already
     (folder / "exam.html").write_text(page(result))
     (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
@@ -96,7 +99,7 @@ def _spread(count: int, *, service: bool) -> Any:
 
 
 @app.command
-def generate(*, cases: int, out: Path, seed: int = 0, first: int = 0) -> int:
+def generate(*, cases: AtLeastOne, out: Path, seed: int = 0, first: Annotated[int, Parameter(validator=Number(gte=0))] = 0) -> int:
     """Make the recordings of an open exam and stop there.
 
     Parameters
@@ -116,7 +119,7 @@ def generate(*, cases: int, out: Path, seed: int = 0, first: int = 0) -> int:
 
 
 @app.command
-def pictures(*, cases: int = 8, seed: int = 0, split: Split = "open", out: Path = Path("exam"), json_: Json = False) -> int:
+def pictures(*, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", out: Path = Path("exam"), json_: Json = False) -> int:
     """Cases that start from images with a fault of calibration or body, and go through all stages. What was done before is kept.
 
     Parameters

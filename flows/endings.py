@@ -35,10 +35,10 @@ def ending_of(error: BaseException) -> tuple[int, str]:
     name = type(error).__name__
     if name == "WorkFailed":
         return STAGE_FAILED, str(error)
-    if isinstance(error, TimeoutError) or "TimedOut" in name or "Timeout" in name:
-        return TIMED_OUT, f"timed out: {error or name}; raise the stage's timeout or submit again: it goes on from its checkpoint"
     if name in {"PrefectHTTPStatusError", "ConnectError", "ConnectTimeout", "ConnectionRefusedError"}:
         return UNREACHABLE, f"the Prefect server cannot be reached: {error}"
+    if isinstance(error, TimeoutError) or "TimedOut" in name or "Timeout" in name:
+        return TIMED_OUT, f"timed out: {error or name}; raise the stage's timeout or submit again: it goes on from its checkpoint"
     return STAGE_FAILED, "".join(traceback.format_exception(error, limit=-4)).rstrip()
 
 

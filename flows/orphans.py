@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 SERVER = "prefect.server.api.server:create_app"
@@ -12,9 +13,10 @@ def end_orphaned_servers(home: Path) -> int:
     """Stop ephemeral servers of this PREFECT_HOME whose parent is gone; how many there were. Linux only, elsewhere none are found."""
     ended = 0
     for pid in _servers():
-        if _parent(pid) == 1 and _home(pid) == str(home):
-            os.kill(pid, signal.SIGTERM)
-            ended += 1
+        with suppress(OSError):  # another user's, whose environment is closed to us, or one that ended while we looked
+            if _parent(pid) == 1 and _home(pid) == str(home):
+                os.kill(pid, signal.SIGTERM)
+                ended += 1
     return ended
 
 

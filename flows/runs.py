@@ -2,7 +2,7 @@
 
 import json
 import os
-import socket
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+from flows.endings import Refused
+from storage_schemas.lease import Owner
 
 WRITE_EVERY_S = 1.0
 
@@ -24,8 +27,7 @@ class RunRecord:
     listen: Callable[["RunRecord"], None] = lambda record: None
     id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{os.getpid()}")
     state: str = "running"
-    pid: int = field(default_factory=os.getpid)
-    host: str = field(default_factory=socket.gethostname)
+    owner: Owner = field(default_factory=Owner.this_process)
     started: float = field(default_factory=time.time)
     ended: float | None = None
     stages: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -78,8 +80,9 @@ class RunRecord:
 
     def as_json(self) -> dict[str, Any]:
         """Everything but the listener."""
-        names = ("id", "actor", "sequence", "state", "pid", "host", "started", "ended", "stages", "error")
-        return {name: getattr(self, name) for name in names}
+        names = ("id", "actor", "sequence", "state", "started", "ended", "stages", "error")
+        told = {name: getattr(self, name) for name in names}
+        return told | {"pid": self.owner.pid, "host": self.owner.host, "owner": self.owner.model_dump(mode="json")}
 
 
 @dataclass(frozen=True)
@@ -107,11 +110,11 @@ class StageReport:
 
 
 def list_runs(root: Path) -> list[dict[str, Any]]:
-    """All runs of this store, newest first; one whose process is gone without an ending is shown as died."""
+    """All runs of this store, newest first; one whose process is gone without an ending is shown as died, where this machine can tell."""
     found = []
     for file in sorted((root / ".runs").glob("*.json"), reverse=True):
         run = json.loads(file.read_text())
-        if run["state"] == "running" and run["host"] == socket.gethostname() and not _alive(run["pid"]):
+        if run["state"] == "running" and _is_over(run):
             run["state"] = "died"
         found.append(run)
     return found
@@ -123,11 +126,20 @@ def find_run(root: Path, run_id: str | None) -> dict[str, Any] | None:
     return next((r for r in runs if run_id is None or r["id"].startswith(run_id)), None)
 
 
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
+def stop(run: dict[str, Any]) -> None:
+    """Ask the process of a run to end. Raises Refused when the run is over, or goes on where this machine's process numbers mean nothing."""
+    if run["state"] != "running":
+        raise Refused(f"run {run['id']} is not running: it {run['state']}")
+    owner = Owner.model_validate(run["owner"])
+    if owner.machine != Owner.this_process().machine:
+        raise Refused(f"run {run['id']} goes on as process {owner.pid} on {owner.host}: cancel it there")
+    os.kill(owner.pid, signal.SIGTERM)
+
+
+def _is_over(run: dict[str, Any]) -> bool:
+    if "owner" not in run:  # a record from before 2026-11-25: its number alone may be anybody's by now
         return True
-    return True
+    owner, here = Owner.model_validate(run["owner"]), Owner.this_process()
+    if owner.machine != here.machine:
+        return owner.host == here.host  # this machine was started anew since
+    return owner.is_dead()

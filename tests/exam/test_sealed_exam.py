@@ -18,7 +18,7 @@ def test_a_small_sealed_exam(tmp_path):
     sitting, chance = exam.Exam(folder, CASES, 0, "sealed"), [rivals()["chance"]]
     result = exam.sit(sitting, rivals=chance, scoreboard=board)
 
-    assert result["cases"] + len(result["left_out"]) == CASES and result["cases"] >= CASES - 1
+    assert result["cases"] + len(result["left_out"]) == CASES
     assert {row["stratum"] for row in result["rows"]} <= {"single", "pair", "null", "outside", "inseparable"}
     for row in [*result["rows"], *result["rivals"]["chance"]["rows"]]:
         assert not row["failed"], row
@@ -33,6 +33,6 @@ def test_a_small_sealed_exam(tmp_path):
 
     written = {file: file.stat().st_mtime_ns for file in (tmp_path / "exam").rglob("*.*")}
     again = exam.sit(sitting, rivals=chance, scoreboard=board)
-    assert again == result  # nothing is made or asked twice, and the same cases count once
+    assert again == result  # nothing is made or asked twice, nor added to the scoreboard
     assert written == {file: file.stat().st_mtime_ns for file in (tmp_path / "exam").rglob("*.*")}
-    assert [json.loads(line)["version"] for line in board.read_text().splitlines()] == 2 * [exam.version()]
+    assert [json.loads(line)["version"] for line in board.read_text().splitlines()] == [exam.version()]

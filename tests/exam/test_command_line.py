@@ -1,0 +1,43 @@
+"""`physavatar exam` as a user meets it: numbers that it refuses, and where its page goes."""
+
+import json
+
+import pytest
+
+from flows import cli, exam, exam_scoreboard
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["exam", *arguments])
+    return ended.value.code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--at-once", "0"], "--at-once"),
+        (["--at-once", "-2", "--service"], "--at-once"),
+        (["--cases", "0", "--split", "sealed"], "--cases"),
+        (["pictures", "--cases", "0"], "--cases"),
+        (["generate", "--cases", "0", "--out", "exam"], "--cases"),
+        (["generate", "--cases", "2", "--first", "-1", "--out", "exam"], "--first"),
+    ],
+)
+def test_an_exam_of_nothing_or_by_nobody_is_refused(tmp_path, monkeypatch, capsys, arguments, named):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(exam, "sit", lambda *_, **__: pytest.fail("it was sat"))
+    assert run(*arguments) == 2
+    said = capsys.readouterr().err
+    assert named in said and "Must be >= " in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_is_written_where_nothing_was_left_to_do(tmp_path, monkeypatch, capsys):
+    """As of an exam whose cases are all on the scoreboard, on a machine that has made none of them."""
+    attempt = {"engine": exam_scoreboard.OWN, "left_out": [], "cases": [], "rivals": {}}
+    told = exam_scoreboard.result("open", attempt, tmp_path / "board.jsonl")
+    monkeypatch.setattr(exam, "sit", lambda *_, **__: told)
+    run("--out", str(tmp_path / "exam"), "--json")
+    assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "exam/open-0/exam.json").read_text()) == told
+    assert (tmp_path / "exam/open-0/exam.html").exists()
