@@ -5,8 +5,8 @@
 
 The annotations are the declaration: records are the inputs, `parameters` the settings, the return type what is published. The key of the
 result is known before anything runs (`Stage.key`), so a result that is in the store is never computed again. A `ModelFile` or
-`Folder` among the parameters enters the key by content, not by path. Prefect sees one cached task per stage; the store, not
-Prefect's cache, decides what is done.
+`Folder` among the parameters enters the key by content, not by path, and by its stand-in where it is left out and has one (`Otherwise`).
+Prefect sees one cached task per stage; the store, not Prefect's cache, decides what is done.
 """
 
 import shutil
@@ -39,6 +39,13 @@ SEALED = ".truth"  # a folder whose name ends so is closed to every stage
 
 class Fingerprint:
     """Marks a path that enters the key of an artifact by its content."""
+
+
+@dataclass(frozen=True)
+class Otherwise:
+    """Marks such a path that has a stand-in where it is not given; `digest` returns what the stand-in enters the key by."""
+
+    digest: Callable[[], str]
 
 
 ModelFile = Annotated[Path | None, Fingerprint()]
@@ -108,8 +115,13 @@ class Stage:
             "schema_version": self.writes.schema_version,
             "parameters": parameters.model_dump(mode="json", exclude=paths),
             "inputs": {name: ref.digest for name, ref in inputs.items()},
-            "weights": {n: content_digest(getattr(parameters, n)) for n in sorted(paths) if getattr(parameters, n) is not None},
+            "weights": {n: digest for n in sorted(paths) if (digest := self._digest(n, getattr(parameters, n))) is not None},
         }
+
+    def _digest(self, name: str, path: Path | None) -> str | None:
+        if path is not None:
+            return content_digest(path)
+        return next((mark.digest() for mark in self.parameters.model_fields[name].metadata if isinstance(mark, Otherwise)), None)
 
     def key(self, inputs: Mapping[str, ArtifactRef], parameters: Parameters) -> str:
         """SHA-256 of the canonical JSON of `key_fields`."""
