@@ -23,7 +23,7 @@ class BodyParameters(Parameters):
     face_weight: float = 0.0
 
 
-@stage("body", version=1, pool="vision", timeout_s=4 * 3600)
+@stage("body", version=2, pool="vision", timeout_s=4 * 3600)
 def body(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParameters) -> Body:
     """Fit shape and motion."""
     path, digest = (demo_body(), demo_body_digest()) if parameters.model is None else (parameters.model, content_digest(parameters.model))
@@ -31,6 +31,9 @@ def body(job: Job, capture: Capture, keypoints: Keypoints, parameters: BodyParam
     weights = FitWeights(body=parameters.body_weight, hand=parameters.hand_weight, face=parameters.face_weight)
     job.progress(0.02, "shared shape")
     found = fit_sequence(model, cameras_of(capture), keypoints.keypoints.astype(float), keypoints.score.astype(float), weights=weights)
+    unsure = capture.frame_numbers[~found.converged]
+    if len(unsure):
+        job.warn(f"the body did not settle in {len(unsure)} of {len(found.converged)} frames, the first is {unsure[0]}")
     return Body(
         pose=found.pose.astype(np.float32),
         shape=found.shape.astype(np.float32),

@@ -53,6 +53,15 @@ def test_the_fitted_demo_body_is_known_by_its_recipe(model):
     assert found.model.startswith("smplx_demo_anny")
 
 
+def test_frames_that_did_not_settle_are_warned_of(model):
+    cameras, known, warnings = ring(4), actor(model, 3, seed=0), []
+    uv, score = detections(model, cameras, known.posed, seed=1)
+    uv[0], score[0] = np.nan, 0
+    found = body.function(job(warnings), captured(cameras, 3), seen(cameras, uv, score), BodyParameters())
+    assert warnings == ["the body did not settle in 1 of 3 frames, the first is 0"]
+    np.testing.assert_allclose(found.vertices[0], found.vertices[1], atol=1e-6)
+
+
 def test_registration_takes_the_demo_body_of_another_processor(monkeypatch, tmp_path):
     """Its file has other last bits there, so other bytes."""
     elsewhere = tmp_path / "smplx_demo.npz"
