@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from storage_schemas.key import artifact_key
 from storage_schemas.provenance import Provenance
@@ -48,8 +48,13 @@ class Otherwise:
     digest: Callable[[], str]
 
 
-ModelFile = Annotated[Path | None, Fingerprint()]
-Folder = Annotated[Path | None, Fingerprint()]
+def _left_out(path: Any) -> Any:
+    """Nothing for an empty text: TOML has no null, and as a path it would be the current directory."""
+    return None if isinstance(path, str) and not path.strip() else path
+
+
+ModelFile = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
+Folder = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
 
 
 class Parameters(BaseModel):

@@ -1,9 +1,10 @@
 """The door of keypoints: find the 133 points of COCO-WholeBody in every picture."""
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from storage_schemas.capture import Capture
 from storage_schemas.keypoints import Keypoints
@@ -23,7 +24,7 @@ class KeypointsParameters(Parameters):
     """model: a DWPose, RTMW or RTMPose ONNX file; by default the bundled detector, trained on synthetic people. file: keypoints found elsewhere;
     pixel_centre: what that file calls the centre of the first pixel [px], 0 as DWPose and OpenPose do, or 0.5."""
 
-    model: ModelFile = BUNDLED
+    model: Annotated[ModelFile, AfterValidator(lambda model: model or BUNDLED)] = BUNDLED
     file: Folder = None
     pixel_centre: float = Field(0.0, ge=0, le=0.5)
 
@@ -33,8 +34,8 @@ def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Ke
     """Detect in all frames and cameras, or read what was detected elsewhere."""
     recording = recorded(capture, job.recording)
     if parameters.file is not None:
-        return _read(Path(parameters.file), recording, parameters.pixel_centre)
-    model = Path(parameters.model)
+        return _read(parameters.file, recording, parameters.pixel_centre)
+    model = parameters.model
     found, turned = same_sides(recording.cameras, _follow(Detector.load(model), recording, job))
     if turned.any():
         job.warn(f"{turned.sum()} of {turned.size} views had left and right swapped, as the other cameras see it; they were turned round")
