@@ -5,7 +5,8 @@
 x̄ is an adult of average traits in T-pose; S_s are principal components of random adults, scaled so that β ~ N(0, I); E_e those of
 facial actions; 𝒥 holds non-negative weights that reproduce the bone heads of all random adults.
 Limits: no pose correctives (`posedirs` are zero); shape and expression spaces are not those of SMPL-X, so parameters do not carry
-over; the facial contour does not move with the view; 13524 vertices instead of 10475.
+over; the facial contour does not move with the view; 13492 vertices instead of 10475 (13524 of MakeHuman's body and eyes, less
+the 32 of `CAPPED`).
 """
 
 import hashlib
