@@ -53,7 +53,7 @@ def _detector(settings: Any) -> None:
         Detector.load(Path(settings.keypoints.model))
     elif not Path(settings.keypoints.file).exists():
         raise BadInput(
-            [Fault(str(settings.keypoints.file), "no such file or folder", "Point keypoints.file at detections, or leave it empty.")]
+            [Fault(str(settings.keypoints.file), "no such file or folder", "Point keypoints.file at detections, or leave the setting out.")]
         )
 
 

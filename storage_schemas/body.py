@@ -6,7 +6,7 @@
   be 0 0 0 1; rotation part without unit, last column in metres.
 * `weights` MUST be non-negative and sum to 1 over the joints.
 * `reprojection_px` is the distance from each detected keypoint to the model's; NaN where it was not detected.
-* `model_sha256` is that of the body model's file; `ending` tells in one sentence how the fit ended.
+* `model_sha256` is that of the body model's file, or of what the demo body is made from; `ending` tells in one sentence how the fit ended.
 """
 
 from __future__ import annotations

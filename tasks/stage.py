@@ -5,8 +5,8 @@
 
 The annotations are the declaration: records are the inputs, `parameters` the settings, the return type what is published. The key of the
 result is known before anything runs (`Stage.key`), so a result that is in the store is never computed again. A `ModelFile` or
-`Folder` among the parameters enters the key by content, not by path. Prefect sees one cached task per stage; the store, not
-Prefect's cache, decides what is done.
+`Folder` among the parameters enters the key by content, not by path, and by its stand-in where it is left out and has one (`Otherwise`).
+Prefect sees one cached task per stage; the store, not Prefect's cache, decides what is done.
 """
 
 import shutil
@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from storage_schemas.key import artifact_key
 from storage_schemas.provenance import Provenance
@@ -41,8 +41,20 @@ class Fingerprint:
     """Marks a path that enters the key of an artifact by its content."""
 
 
-ModelFile = Annotated[Path | None, Fingerprint()]
-Folder = Annotated[Path | None, Fingerprint()]
+@dataclass(frozen=True)
+class Otherwise:
+    """Marks such a path that has a stand-in where it is not given; `digest` returns what the stand-in enters the key by."""
+
+    digest: Callable[[], str]
+
+
+def _left_out(path: Any) -> Any:
+    """Nothing for an empty text: TOML has no null, and as a path it would be the current directory."""
+    return None if isinstance(path, str) and not path.strip() else path
+
+
+ModelFile = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
+Folder = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
 
 
 class Parameters(BaseModel):
@@ -108,8 +120,13 @@ class Stage:
             "schema_version": self.writes.schema_version,
             "parameters": parameters.model_dump(mode="json", exclude=paths),
             "inputs": {name: ref.digest for name, ref in inputs.items()},
-            "weights": {n: content_digest(getattr(parameters, n)) for n in sorted(paths) if getattr(parameters, n) is not None},
+            "weights": {n: digest for n in sorted(paths) if (digest := self._digest(n, getattr(parameters, n))) is not None},
         }
+
+    def _digest(self, name: str, path: Path | None) -> str | None:
+        if path is not None:
+            return content_digest(path)
+        return next((mark.digest() for mark in self.parameters.model_fields[name].metadata if isinstance(mark, Otherwise)), None)
 
     def key(self, inputs: Mapping[str, ArtifactRef], parameters: Parameters) -> str:
         """SHA-256 of the canonical JSON of `key_fields`."""

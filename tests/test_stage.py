@@ -69,6 +69,13 @@ def test_a_model_file_enters_the_key_by_content(tmp_path):
     assert keys[0] == keys[1] != keys[2]
 
 
+@pytest.mark.parametrize("empty", ["", " "])
+def test_an_empty_path_is_a_setting_left_out_not_the_current_directory(empty):
+    assert SkinParameters(model=empty).model is None
+    assert skin.key({}, SkinParameters(model=empty)) == skin.key({}, SkinParameters())
+    assert SkinParameters(model=".").model == Path()  # the control: said, it is meant
+
+
 def test_a_stage_cannot_open_the_truth(tmp_path):
     sealed = tmp_path / "demo.truth" / "answer.txt"
     sealed.parent.mkdir()

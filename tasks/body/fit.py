@@ -2,8 +2,9 @@
 
     L = λ_b Σ d(body) + λ_h Σ d(hands) + λ_m‖m_h‖² + λ_l‖θ_b‖² + λ_f‖θ_f‖² + λ_β‖β‖² + λ_ψ‖ψ‖²
 
-One shape for the whole sequence, fitted jointly on a few frames and then frozen; every frame starts from the one before it, the first from
-triangulated points. Terms in `objective.py`, image distance in `reprojection.py`, decisions in README.md.
+One shape for the whole sequence, fitted jointly on a few frames and then frozen. The first frame in which cameras agree on a point starts from
+triangulated points, those after it from the one before, those before it from the one after. Terms in `objective.py`, image distance in
+`reprojection.py`, decisions in README.md.
 Limits: θ_b is the axis-angle pose drawn to the rest pose, not a VPoser latent (its licence forbids shipping it): what no camera sees tends
 to rest. Twist of a limb about its axis is only seen through the next joint. One person, metric cameras, no contact with the ground, no
 smoothing over time.
@@ -24,7 +25,7 @@ from tasks.body.reprojection import Sight
 from tasks.body.shared_shape import shared_shape, spread
 from tasks.body.wholebody import NAMES, keypoints133
 from tasks.geometry.cameras import Cameras, project
-from tasks.geometry.faults import Fault, refuse
+from tasks.geometry.faults import BadInput, Fault, refuse
 
 SUPPLEMENT = FitWeights()
 
@@ -53,34 +54,49 @@ def fit_sequence(
 ) -> BodyMotion:
     """Fit all frames. keypoints [frame,camera,133,2] px (NaN: not detected), scores [frame,camera,133] ≥ 0; a known shape [S] is kept.
 
-    Raises BadInput when arrays and rig do not match, or nothing is seen by two cameras.
+    Raises BadInput when arrays and rig do not match, or no two cameras see a point in the same place.
     """
     refuse(_faults(cameras, keypoints, scores))
     objective = Objective.of(model, weights)
     sights = [objective.sight(cameras, uv, score) for uv, score in zip(keypoints, scores, strict=True)]
 
-    def afresh(frame: int) -> Array:
+    def afresh(frame: int) -> Array | None:
         seen = robust_points(cameras, keypoints[frame], np.where(np.isfinite(keypoints[frame]).all(axis=-1), scores[frame], 0.0))
-        return objective.start(*initial_pose(*_rest(model), seen))
+        return objective.start(*initial_pose(*_rest(model), seen)) if np.isfinite(seen).any() else None
 
-    fresh = {}
+    begin, start = _first(len(sights), afresh)
+    fresh = {begin: start}
     if shape is None:
-        fresh = {frame: afresh(frame) for frame in spread([frame for frame, sight in enumerate(sights) if sight.trust.any()])}
+        chosen = spread([frame for frame, sight in enumerate(sights) if sight.trust.any()])
+        fresh = {frame: z for frame in chosen if (z := afresh(frame)) is not None} or fresh
         shape, poses = shared_shape([(objective, sights[frame]) for frame in fresh], np.zeros(objective.shapes), list(fresh.values()))
         fresh = dict(zip(fresh, poses, strict=True))
-    frozen, minima = objective.frozen(shape), []
-    for frame, sight in enumerate(sights):
-        z = frozen.short_way(minima[-1].z) if minima else fresh.get(frame, afresh(frame))
-        minima.append(_fit_frame(frozen, sight, z, lambda frame=frame: afresh(frame)))
-    return _motion(model, frozen, cameras, keypoints, shape, minima)
+    frozen, minima = objective.frozen(shape), {}
+    for frame in (*range(begin, -1, -1), *range(begin + 1, len(sights))):
+        beside = minima.get(frame - 1 if frame > begin else frame + 1)
+        z = fresh.get(frame, start) if beside is None else frozen.short_way(beside.z)
+        minima[frame] = _fit_frame(frozen, sights[frame], z, lambda frame=frame: afresh(frame))
+    return _motion(model, frozen, cameras, keypoints, shape, [minima[frame] for frame in range(len(sights))])
 
 
-def _fit_frame(objective: Objective, sight: Sight, z: Array, afresh: Callable[[], Array]) -> Minimum:
+def _first(count: int, afresh: Callable[[int], Array | None]) -> tuple[int, Array]:
+    """The first of `count` frames that can be started afresh, and its start. Raises BadInput where there is none."""
+    for frame in range(count):
+        if (start := afresh(frame)) is not None:
+            return frame, start
+    raise BadInput(
+        [Fault("keypoints", "no two cameras see a point in the same place", "Check the calibration and the order of the cameras.")]
+    )
+
+
+def _fit_frame(objective: Objective, sight: Sight, z: Array, afresh: Callable[[], Array | None]) -> Minimum:
     if not sight.trust.any():
-        return Minimum(z, 0.0, 0, False, "nothing was seen: pose of the frame before")
+        return Minimum(z, 0.0, 0, False, "nothing was seen: pose of the frame beside it")
     best = _descend(objective, sight, z)
-    if not best.converged:  # after a jump the way from the frame before is long and may lead elsewhere
-        best = min(best, _descend(objective, sight, afresh()), key=lambda minimum: minimum.energy)
+    if (
+        not best.converged and (start := afresh()) is not None
+    ):  # after a jump the way from the frame beside it is long and may lead elsewhere
+        best = min(best, _descend(objective, sight, start), key=lambda minimum: minimum.energy)
     return best
 
 

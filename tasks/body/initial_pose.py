@@ -63,7 +63,7 @@ def robust_points(cameras: Cameras, uv: Array, score: Array, *, seed: int = 0) -
 def initial_pose(rest: Array, rest_joints: Array, seen: Array) -> tuple[Array, Array]:
     """pose [55,3] rad and translation [3] m that bring rest keypoints [133,3] near the seen ones [133,3] m (NaN where not seen).
 
-    Where hips or shoulders are not seen the body stays upright at rest, at the centre of what is seen.
+    Where hips or shoulders are not seen the body stays upright at rest, at the centre of what is seen; at the origin where nothing is.
     """
     world = np.tile(np.eye(3), (len(JOINT_NAMES), 1, 1))
     pose = np.zeros((len(JOINT_NAMES), 3))

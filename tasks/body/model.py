@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 JOINTS = len(JOINT_NAMES)
 POSE_FEATURES = 9 * (JOINTS - 1)
 WIDE_SHAPE_SPACE = 300  # files with 400 directions keep expressions after 300 shapes, files with 20 after 10
-REMEDY = "Point body.model at an SMPL-X file (SMPLX_NEUTRAL.npz from https://smpl-x.is.tue.mpg.de), or leave it empty for the demo body."
+REMEDY = (
+    "Point body.model at an SMPL-X file (SMPLX_NEUTRAL.npz from https://smpl-x.is.tue.mpg.de), or leave the setting out for the demo body."
+)
 ARRAYS = {  # key -> shape, with None for sizes that differ between files
     "v_template": (None, 3),
     "f": (None, 3),

@@ -20,6 +20,7 @@ HEIGHT = 0.375  # trait of height that makes the average adult 1.70 m tall
 NOT_EXPRESSIONS = ("jaw", "eyeLook", "tongue")  # jaw and eyes turn by joints; there is no tongue
 CARRIERS = 300  # vertices that may carry a joint, drawn from all within REACH times the distance from joint to skin
 REACH = 6.0
+TIE = 1e-6  # relative difference up to which two entries are alike: last bits depend on the processor
 
 
 @dataclass(frozen=True)
@@ -96,5 +97,7 @@ def _principal(samples: np.ndarray) -> np.ndarray:
     n = len(samples)
     _, σ, directions = np.linalg.svd(samples.reshape(n, -1), full_matrices=False)
     scaled = σ[:COMPONENTS, None] / np.sqrt(n) * directions[:COMPONENTS]
-    sign = np.sign(scaled[np.arange(COMPONENTS), np.argmax(np.abs(scaled), axis=1)])  # singular vectors come with either sign
+    size = np.abs(scaled)
+    # singular vectors come with either sign; x of mirrored vertices ties with opposite signs, so the first of the largest decides
+    sign = np.sign(scaled[np.arange(COMPONENTS), np.argmax(size > (1 - TIE) * size.max(axis=1, keepdims=True), axis=1)])
     return (sign[:, None] * scaled).T.reshape(*samples.shape[1:], COMPONENTS)

@@ -68,8 +68,11 @@ class Bvh:
 
 
 def read_bvh(path: str | Path, *, unit: float = CMU_UNIT) -> Bvh:
-    """Read a BVH file whose unit of length is `unit` metres. Raises `BadInput` on a file cut short or of another kind."""
-    words = Path(path).read_text(errors="replace").split()  # white space only: mixed line endings do no harm
+    """Read a BVH file whose unit of length is `unit` metres. Raises `BadInput` on a file that is absent, cut short or of another kind."""
+    try:
+        words = Path(path).read_text(errors="replace").split()  # white space only: mixed line endings do no harm
+    except OSError as error:
+        raise BadInput([Fault(str(path), f"it cannot be read ({error.strerror})", "Give a BVH file.")]) from None
     if words[:1] != ["HIERARCHY"] or "MOTION" not in words:
         raise BadInput([Fault(str(path), "no HIERARCHY followed by MOTION", "Give a BVH file.")])
     start = words.index("MOTION")
@@ -104,6 +107,8 @@ def resample(bvh: Bvh, fps: float) -> Bvh:
     """The same motion sampled every 1/fps seconds over the same span: spherical interpolation of rotations, linear of the root."""
     from scipy.spatial.transform import Rotation, Slerp
 
+    if len(bvh) == 1:  # nothing lies between
+        return replace(bvh, fps=fps)
     have = np.arange(len(bvh)) / bvh.fps
     want = np.arange(int(np.floor(have[-1] * fps + 1e-9)) + 1) / fps
     want = np.minimum(want, have[-1])
@@ -180,11 +185,14 @@ def _motion(words: list[str], width: int, where: str) -> tuple[Array, float]:
     frames, values = int(header[1]), np.array(words[5:], float)
     if not (np.abs(values) < LONGEST).all():
         raise BadInput([Fault(where, "values that are not finite or far too large", "Export the motion again.")])
+    frame_time = float(header[2])
+    if not 1 / LONGEST < frame_time < LONGEST:
+        raise BadInput([Fault(where, f"a frame time of {header[2]} s", "Export the motion again.")])
     if not frames or len(values) != frames * width:
         raise BadInput(
             [Fault(where, f"{len(values)} values for {frames} frames of {width} channels", "The file was cut short; fetch it again.")]
         )
-    return values.reshape(frames, width), 1 / float(header[2])
+    return values.reshape(frames, width), 1 / frame_time
 
 
 def _transforms(values: Array, channels: list[list[str]]) -> tuple[Array, Array]:

@@ -42,6 +42,9 @@ def read_recording(parameters: CaptureParameters) -> Recording:
         raise BadInput([Fault(str(folder), "this is the folder of a scale, not of a sequence", remedy)])
     calibration = sorted(p for pattern in VIDEO_CALIBRATIONS for p in folder.glob(pattern))
     if parameters.layout == "video" or (parameters.layout == "auto" and calibration):
+        if len(calibration) > 1:
+            named = ", ".join(p.name for p in calibration)
+            raise BadInput([Fault(str(folder), f"it holds several calibrations: {named}", "Keep the one that belongs to these videos.")])
         where = calibration[0] if calibration else folder
         return read_calibrated_video(where, folder=folder, cameras=parameters.cameras, frames=parameters.frames)
     return read_actorshq(folder, scale=parameters.scale, cameras=parameters.cameras, frames=parameters.frames)

@@ -12,7 +12,7 @@ import numpy as np
 from tasks.capture.hang_checks import hang_faults
 from tasks.capture.pattern_checks import pattern_faults
 from tasks.geometry.faults import Fault
-from tasks.geometry.meshes import mesh_faults
+from tasks.geometry.meshes import loose_vertex_faults, mesh_faults
 
 AXES = {
     "vertices": ("T", "V", 3),
@@ -194,16 +194,26 @@ def _noise_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
     s = arrays.get("noise_m")
     if s is not None and np.isfinite(s).all() and (s.min() < 0 or s.max() >= 1):
         faults.append(Fault(f"{name}: noise_m", f"ranges from {s.min():.4g} to {s.max():.4g} m", "Give a standard deviation in metres."))
-    Σ = arrays.get("noise_cov")
-    if Σ is not None:
-        Σ = Σ[np.isfinite(Σ).all((2, 3)) & np.isfinite(arrays["vertices"]).all(2)] if "vertices" in arrays else Σ.reshape(-1, 3, 3)
-        if not len(Σ) or np.abs(Σ - Σ.transpose(0, 2, 1)).max() > 1e-6 * np.abs(Σ).max() or np.linalg.eigvalsh(Σ).min() <= 0 or Σ.max() > 1:
-            faults.append(
-                Fault(
-                    f"{name}: noise_cov", "is no covariance in m² where vertices are seen", "It must be symmetric, positive and below 1 m²."
-                )
-            )
+    if "noise_cov" in arrays and not _are_covariances(_covariances_of_seen(arrays)):
+        faults.append(
+            Fault(f"{name}: noise_cov", "is no covariance in m² where vertices are seen", "It must be symmetric, positive and below 1 m².")
+        )
     return faults
+
+
+def _covariances_of_seen(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """noise_cov [n, 3, 3] m² of the vertices seen; of all where markers stand for vertices."""
+    Σ = arrays["noise_cov"].astype(float)
+    return Σ[np.isfinite(arrays["vertices"]).all(2)] if "vertices" in arrays else Σ.reshape(-1, 3, 3)
+
+
+def _are_covariances(Σ: np.ndarray) -> bool:
+    """Whether all Σ [n, 3, 3] m² are finite, symmetric, positive definite and below 1 m²."""
+    if not len(Σ):
+        return True
+    if not np.isfinite(Σ).all() or Σ.max() > 1:
+        return False
+    return np.abs(Σ - Σ.transpose(0, 2, 1)).max() <= 1e-6 * np.abs(Σ).max() and np.linalg.eigvalsh(Σ).min() > 0
 
 
 def _surface_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
@@ -213,7 +223,7 @@ def _surface_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
     if surface is None and faces is not None and "vertices" in arrays and "rest_vertices" not in arrays:
         faults.append(Fault(name, "no frame shows the whole garment and there is no rest shape", "Give rest_vertices."))
     if faces is not None and surface is not None:
-        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), name)
+        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), name) + loose_vertex_faults(faces, len(surface), name)
     if faces is not None and "uv" in arrays and not faults:
         faults += pattern_faults(arrays["uv"].astype(float), faces.astype(np.int64), surface, name)
     if "collider_vertices" in arrays and "collider_faces" in arrays:

@@ -92,7 +92,10 @@ def submesh(faces: Faces, keep: NDArray[np.bool_]) -> tuple[Faces, NDArray[np.in
 
 
 def mesh_faults(vertices: Array, faces: Faces, name: str, *, metres: bool = True) -> list[Fault]:
-    """Everything that makes (vertices [V, 3], faces [F, 3]) unfit for tracking or simulation; `metres` adds the check of the unit."""
+    """What makes (vertices [V, 3], faces [F, 3]) unfit as a surface; `metres` adds the check of the unit.
+
+    Vertices of no face are allowed: templates and colliders may have them. What has mass asks `loose_vertex_faults` besides.
+    """
     faults = _array_faults(vertices, faces, name)
     if faults or not len(faces):
         return faults
@@ -107,6 +110,12 @@ def mesh_faults(vertices: Array, faces: Faces, name: str, *, metres: bool = True
     if metres and not 0.02 < scale < 20:
         faults.append(Fault(name, f"its bounding box has a diagonal of {scale:.4g} m", "Lengths must be in metres; rescale the file."))
     return faults
+
+
+def loose_vertex_faults(faces: Faces, vertex_count: int, name: str) -> list[Fault]:
+    """Vertices that belong to none of the faces [F, 3]: in a garment they have no mass, and no step of a simulation can place them."""
+    loose = np.setdiff1d(np.arange(vertex_count), faces)
+    return [Fault(name, f"{len(loose)} vertices belong to no face, the first is {loose[0]}", "Remove them.")] if len(loose) else []
 
 
 def _array_faults(vertices: Array, faces: Faces, name: str) -> list[Fault]:

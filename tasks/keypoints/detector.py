@@ -30,7 +30,7 @@ BUNDLED = Path(__file__).with_name("synthetic_people_v1.onnx")
 KEYPOINTS = 133
 REMEDY = (
     "Point keypoints.model at a whole-body SimCC model of 133 keypoints (DWPose dw-ll_ucoco_384.onnx, RTMW or RTMPose whole-body), "
-    "or leave it empty for the bundled model."
+    "or leave the setting out for the bundled model."
 )
 
 

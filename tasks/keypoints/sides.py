@@ -4,7 +4,8 @@ For each frame the body's points x are found robustly from all views; a view is 
 
     Σ_k w_k log(1 + |π(x_k) − u_flip(k)|²/σ²) < GAIN · Σ_k w_k log(1 + |π(x_k) − u_k|²/σ²)        over points that have two sides
 
-and x is found again until nothing turns. Limit: the majority decides; if most views are wrong, all end up wrong together.
+and x is found again until nothing turns, ROUNDS times at most. Limit: the majority decides; if most views are wrong, all end up wrong together,
+and where half of them are, either may happen.
 """
 
 import numpy as np
@@ -36,7 +37,7 @@ def same_sides(cameras: Cameras, found: RigKeypoints) -> tuple[RigKeypoints, np.
 
 
 def _swapped(cameras: Cameras, uv: np.ndarray, score: np.ndarray, scale: float) -> np.ndarray:
-    """Views [camera] that fit the others better with sides swapped; only the one that gains most, so that views cannot swap past one another."""
+    """Views [camera] that fit the others better with sides swapped: the one that gains most, and those that gain at least half as much."""
     x, _ = agreed_points(cameras, uv[:, BODY], score[:, BODY], scale=scale)
     seen = project(cameras, x)[0][:, SIDED]
     as_is, swapped = (_misfit(seen, uv[:, k], score[:, k], scale) for k in (SIDED, FLIP[SIDED]))

@@ -1,8 +1,10 @@
 """The door of keypoints: find the 133 points of COCO-WholeBody in every picture."""
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
 from storage_schemas.capture import Capture
 from storage_schemas.keypoints import Keypoints
@@ -19,10 +21,12 @@ GLIMPSES = 12  # pictures per camera from which the moving person is told from t
 
 
 class KeypointsParameters(Parameters):
-    """model: a DWPose, RTMW or RTMPose ONNX file; by default the bundled detector, trained on synthetic people. file: keypoints found elsewhere."""
+    """model: a DWPose, RTMW or RTMPose ONNX file; by default the bundled detector, trained on synthetic people. file: keypoints found elsewhere;
+    pixel_centre: what that file calls the centre of the first pixel [px], 0 as DWPose and OpenPose do, or 0.5."""
 
-    model: ModelFile = BUNDLED
+    model: Annotated[ModelFile, AfterValidator(lambda model: model or BUNDLED)] = BUNDLED
     file: Folder = None
+    pixel_centre: float = Field(0.0, ge=0, le=0.5)
 
 
 @stage("keypoints", version=1, pool="vision", timeout_s=4 * 3600)
@@ -30,8 +34,8 @@ def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Ke
     """Detect in all frames and cameras, or read what was detected elsewhere."""
     recording = recorded(capture, job.recording)
     if parameters.file is not None:
-        return _read(Path(parameters.file), recording)
-    model = Path(parameters.model)
+        return _read(parameters.file, recording, parameters.pixel_centre)
+    model = parameters.model
     found, turned = same_sides(recording.cameras, _follow(Detector.load(model), recording, job))
     if turned.any():
         job.warn(f"{turned.sum()} of {turned.size} views had left and right swapped, as the other cameras see it; they were turned round")
@@ -59,8 +63,8 @@ def _follow(detector: Detector, recording: Recording, job: Job) -> RigKeypoints:
     return follow_motion(detector, recording.cameras, (pictures(t) for t in range(count)), boxes)
 
 
-def _read(path: Path, recording: Recording) -> Keypoints:
-    uv, score = read_keypoints(path, recording.cameras.names)
+def _read(path: Path, recording: Recording, pixel_centre: float) -> Keypoints:
+    uv, score = read_keypoints(path, recording.cameras.names, pixel_centre=pixel_centre)
     if len(uv) != len(recording.frames):
         raise BadInput(
             [Fault(str(path), f"it has {len(uv)} frames, the recording {len(recording.frames)}", "Give keypoints for every frame.")]

@@ -1,6 +1,6 @@
 """The door of registration: the fitted body once more, on the skin that was tracked."""
 
-from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from storage_schemas.capture import Capture
 from storage_schemas.keypoints import Keypoints
 from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
-from tasks.body.anny_body import demo_body
+from tasks.body.anny_body import demo_body, demo_body_digest
 from tasks.body.fit import pose_sequence, reprojected
 from tasks.body.model import BodyModel
 from tasks.geometry.faults import BadInput, Fault
 from tasks.recorded import cameras_of
 from tasks.registration.register import Pose, Skin, register
-from tasks.stage import Job, ModelFile, Parameters, content_digest, stage
+from tasks.stage import Job, ModelFile, Otherwise, Parameters, content_digest, stage
 
 SKIN = "body"  # part of the tracked surface
 
@@ -23,7 +23,7 @@ SKIN = "body"  # part of the tracked surface
 class RegistrationParameters(Parameters):
     """model: the SMPL-X file that body was fitted with; the setting body.model is taken where none is given here."""
 
-    model: ModelFile = None
+    model: Annotated[ModelFile, Otherwise(demo_body_digest)] = None
 
 
 @stage("registration", version=1, pool="tracking", timeout_s=4 * 3600)
@@ -31,9 +31,10 @@ def registration(
     job: Job, capture: Capture, keypoints: Keypoints, body: Body, tracking: Tracking, parameters: RegistrationParameters
 ) -> Registration:
     """Draw the body to the tracked skin."""
-    path = Path(parameters.model) if parameters.model else demo_body()
-    if content_digest(path) != body.model_sha256:
-        raise BadInput([Fault(str(path), f"the body was fitted with another model, {body.model}", "Set registration.model to that file.")])
+    path, digest = (demo_body(), demo_body_digest()) if parameters.model is None else (parameters.model, content_digest(parameters.model))
+    if digest != body.model_sha256:
+        remedy = "Set registration.model to that file, or install the anny of its name on every machine."
+        raise BadInput([Fault(str(path), f"the body was fitted with another model, {body.model}", remedy)])
     model, skin = BodyModel.load(path), _skin(tracking)
     start = Pose(*(np.asarray(a, float) for a in (body.pose, body.shape, body.expression, body.translation)))
     found = register(model, start, skin, job.progress)

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.distances import closest_points
-
 Array = NDArray[np.float64]
 
 SQUEEZE = 0.2  # [-] smallest singular value; equal blend of two rotations 157° apart
@@ -45,13 +43,3 @@ def unpose(vertices: Array, weights: Array, transforms: Array) -> Unposed:
     squeezed = np.linalg.svd(B[..., :3], compute_uv=False)[:, -1] < SQUEEZE
     B[squeezed] = transforms[weights[squeezed].argmax(1), :3]
     return Unposed(np.linalg.solve(B[..., :3], (vertices - B[..., 3])[:, :, None])[..., 0], squeezed)
-
-
-def nearest_weights(points: Array, source_vertices: Array, source_faces: NDArray[np.int32], source_weights: Array) -> Array:
-    """Weights [P, joint] of the closest source surface points to points [P, 3] m: what carries the boundary nodes of a garment.
-
-    PhysAvatar supplement A.3 says "nearest corresponding weights"; the closest surface point varies continuously where the
-    closest vertex jumps.
-    """
-    near = closest_points(points, source_vertices, source_faces)
-    return np.einsum("pc,pcj->pj", near.barycentric, source_weights[source_faces[near.face]])

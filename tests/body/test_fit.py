@@ -128,6 +128,29 @@ def test_a_frame_in_which_nothing_is_seen_keeps_the_pose_before_and_says_so(mode
     assert motion.joints[1] == pytest.approx(motion.joints[0], abs=1e-6)
 
 
+@pytest.mark.parametrize("cameras_seeing", [0, 1])
+def test_the_first_frames_without_two_views_stay_with_the_frames_after(model, cameras_seeing):
+    """They would start from the origin; the actor stands 2 m from it."""
+    known, rig = actor(model, 4, seed=2), ring(4)
+    away = known.translation + np.array([2.0, 0, 0])
+    truth, rig = model.pose(known.shape, np.zeros(10), known.pose, away), replace(rig, t=rig.t - rig.R @ [2.0, 0, 0])
+    uv, score = detections(model, rig, truth, seed=2)
+    uv[:2, cameras_seeing:] = np.nan
+    motion = fit_sequence(model, rig, uv, score)
+    assert motion.converged[2:].all()
+    assert np.linalg.norm(motion.joints - truth.joints, axis=-1)[2:].mean() < 0.01
+    assert np.linalg.norm(motion.joints - truth.joints, axis=-1)[:2].mean() < 0.15
+    if not cameras_seeing:
+        assert not motion.converged[:2].any() and motion.joints[0] == pytest.approx(motion.joints[2], abs=1e-6)
+
+
+def test_cameras_that_agree_on_nothing_are_refused(model):
+    rig = ring(2)
+    apart = np.stack([np.full((1, 133, 2), 20.0), np.full((1, 133, 2), [256.0, 490.0])], axis=1)
+    with pytest.raises(BadInput, match="no two cameras see a point in the same place"):
+        fit_sequence(model, rig, apart, np.ones((1, 2, 133)))
+
+
 def test_a_jump_between_frames_is_followed(model):
     """Half a turn and 0.8 m from one frame to the next: from the frame before, the descent is not done after 50 steps and 18 mm off."""
     one, rig = actor(model, 2, seed=3, turn=np.pi * 25), ring(8)

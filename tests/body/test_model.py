@@ -4,7 +4,6 @@ import smplx
 import torch
 
 from tasks.body.model import BodyModel
-from tasks.body.torch_body import TorchBody
 from tasks.geometry.faults import BadInput
 
 
@@ -43,21 +42,9 @@ def test_pose_is_that_of_smplx(stiffened):
     shape, expression, pose, translation = random_pose()
     posed = BodyModel.load(stiffened).pose(shape, expression, pose, translation)
     reference = smplx_output(stiffened, shape, expression, pose, translation)
-    assert np.abs(posed.vertices - reference.vertices.detach().numpy()).max() < 1e-5
-    assert np.abs(posed.joints - reference.joints.detach().numpy()[:, :55]).max() < 1e-5
-
-
-def test_torch_body_is_the_numpy_body_and_has_gradients(stiffened):
-    model = BodyModel.load(stiffened)
-    arguments = random_pose()
-    tensors = [torch.as_tensor(a).requires_grad_() for a in arguments]
-    vertices, joints = TorchBody(model, dtype=torch.float64)(*tensors)
-    posed = model.pose(*arguments)
     # smplx adds 1e-8 to every angle before taking its norm
-    assert np.abs(posed.vertices - vertices.detach().numpy()).max() < 1e-7
-    assert np.abs(posed.joints - joints.detach().numpy()).max() < 1e-7
-    vertices.sum().backward()
-    assert all(bool(t.grad.abs().max() > 0) for t in tensors)
+    assert np.abs(posed.vertices - reference.vertices.detach().numpy()).max() < 1e-7
+    assert np.abs(posed.joints - reference.joints.detach().numpy()[:, :55]).max() < 1e-7
 
 
 def test_transforms_carry_rest_vertices(model):

@@ -73,6 +73,22 @@ def test_resampling_goes_by_time_and_across_wraps(tmp_path) -> None:
     assert_allclose(fine.translation[:, 0], np.arange(21) / 4, atol=1e-12)
 
 
+def test_a_single_frame_is_itself_at_any_rate(tmp_path) -> None:
+    bvh = read_bvh(arm(tmp_path, [[10, 20, 30, 90, 0, 0, 0, 90, 0]]))
+    fine = resample(bvh, 40.0)
+    assert len(fine) == 1 and fine.fps == 40
+    assert_allclose(tip(fine), tip(bvh))
+
+
+def test_an_absent_file_and_a_time_that_runs_backwards_are_refused(tmp_path) -> None:
+    with pytest.raises(BadInput, match=r"absent\.bvh: it cannot be read"):
+        read_bvh(tmp_path / "absent.bvh")
+    path = arm(tmp_path, [[0] * 9])
+    path.write_text(path.read_text().replace("Frame Time: ", "Frame Time: -"))
+    with pytest.raises(BadInput, match="a frame time of -0"):
+        read_bvh(path)
+
+
 def test_a_file_cut_short_is_refused(tmp_path) -> None:
     path = arm(tmp_path, [[0] * 9, [0] * 9])
     path.write_text(path.read_text()[:-4])

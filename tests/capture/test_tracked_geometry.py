@@ -125,6 +125,22 @@ def test_markers_alone(tmp_path, full):
     assert "has no 'vertices'" in faults_of(tmp_path, keep)
 
 
+def test_covariances_are_needed_where_vertices_are_seen_and_without_vertices_everywhere(tmp_path, full):
+    del full["observed"]
+    full["vertices"][2, 5], full["noise_cov"] = np.nan, full["noise_cov"].copy()
+    full["noise_cov"][2, 5] = np.nan
+    assert np.isnan(read(tmp_path, full).noise_cov[2, 5]).all()
+    keep = {k: full[k] for k in ("faces", "fps", "rest_vertices", "markers", "marker_faces", "marker_barycentric", "noise_cov")}
+    assert "noise_cov: is no covariance" in faults_of(tmp_path, keep)
+
+
+def test_a_garments_vertex_of_no_face_is_refused_and_a_colliders_is_not(tmp_path, full):
+    stray = np.concatenate([full["collider_vertices"], np.ones((T, 1, 3))], axis=1)
+    assert read(tmp_path, full | {"collider_vertices": stray}).collider_vertices.shape == (T, 10, 3)
+    least = {"vertices": np.concatenate([full["vertices"], np.ones((T, 2, 3))], axis=1), "faces": full["faces"], "fps": 25}
+    assert "2 vertices belong to no face, the first is 9. Remove them." in faults_of(tmp_path, least)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
@@ -146,6 +162,7 @@ def test_markers_alone(tmp_path, full):
         ("noise_m", -0.1, "standard deviation"),
         ("noise_m", 5.0, "standard deviation"),
         ("noise_cov", -np.ones((4, 9, 3, 3)), "covariance"),
+        ("noise_cov", np.where(np.arange(9)[:, None, None] == 4, np.nan, np.full((4, 9, 3, 3), 1e-6) * np.eye(3)), "covariance"),
         ("uv", np.full((9, 2), np.nan), "known everywhere"),
         ("zone", np.zeros(9), "Expected text"),
         ("base", "[1]", "JSON object"),

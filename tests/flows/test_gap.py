@@ -90,7 +90,7 @@ def test_files_that_do_not_fit_are_refused(files, tmp_path, change, told):
     folder, model, recording, _ = files
     others = {}
     if "faces" in change:
-        others["faces"] = model.subject.cloth.faces[:-1]
+        others["faces"] = np.delete(model.subject.cloth.faces, 30, axis=0)  # its corners have other faces
     if "fps" in change:
         others["fps"] = change["fps"]
     if "frames" in change:

@@ -13,6 +13,7 @@ from tasks.keypoints.accuracy import group_table, pck
 from tasks.keypoints.augmentation import centred
 from tasks.keypoints.crop import crop_matrix, map_back
 from tasks.keypoints.detector import BUNDLED, Detector
+from tasks.keypoints.stage import KeypointsParameters
 
 PEOPLE = 24
 # four draws of 24 people gave 0.885-0.904, 0.82-0.96 and 3.4-4.3 px
@@ -137,3 +138,9 @@ def test_bundled_model_is_unsure_of_noise(looked):
 def test_bundled_file_is_small_and_says_what_it_was_trained_on():
     assert BUNDLED.stat().st_size < 8e6
     assert "synthetic people" in Detector.load().trained_on
+
+
+@pytest.mark.parametrize("nothing", [None, ""])
+def test_without_a_model_the_bundled_one_is_taken(nothing):
+    assert KeypointsParameters(model=nothing, file="") == KeypointsParameters()
+    assert KeypointsParameters(model=nothing).model == BUNDLED

@@ -1,12 +1,16 @@
 """Keypoints from files: every layout arrives as the same 133, and what cannot be told apart is refused by name."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tasks.geometry.faults import BadInput
 from tasks.keypoints.keypoint_files import BODY_25, OPENPOSE_18, read_keypoints, wholebody133
+from tasks.keypoints.stage import KeypointsParameters
+from tasks.keypoints.stage import keypoints as door
+from tests.storage_schemas.examples import examples
 
 CAMERAS = ("left", "right")
 
@@ -138,3 +142,74 @@ def test_broken_npz_is_refused(tmp_path, content):
     (tmp_path / "k.npz").write_bytes(content)
     with pytest.raises(BadInput, match="not a readable"):
         read_keypoints(tmp_path / "k.npz", CAMERAS)
+
+
+def coco_entry(keypoints: np.ndarray, **other) -> dict:
+    return {"keypoints": keypoints.ravel().tolist()} | other
+
+
+def read_left(folder, entries):
+    (folder / "left.json").write_text(json.dumps(entries))
+    return read_keypoints(folder, ("left",))
+
+
+@pytest.mark.parametrize("layout", [with_neck, openpose134], ids=["neck at 17", "openpose order"])
+def test_the_layout_of_134_is_told_from_all_frames_and_cameras_together(tmp_path, keypoints, layout):
+    keypoints[0, 0, 5], keypoints[:, 1, 6] = 0, 0  # a shoulder hidden in one frame, another in all frames of a camera
+    wide = layout(keypoints)
+    for c, camera in enumerate(CAMERAS):
+        (tmp_path / f"{camera}.json").write_text(json.dumps([coco_entry(k, image_id=t) for t, k in enumerate(wide[:, c])]))
+    score = read_keypoints(tmp_path, CAMERAS)[1]
+    np.testing.assert_allclose(score, keypoints[..., 2])
+    wide[..., 2] = 0
+    with pytest.raises(BadInput, match="no frame shows the neck and both shoulders"):
+        wholebody133(wide, "k.npz")
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        ({"keypoints": [1.0, 2.0] * 133}, r"frame 7: keypoints: numbers of shape \(266,\)"),
+        ({"keypoints": [[1.0, 2.0]] * 133}, r"frame 7: keypoints: numbers of shape \(133, 2\)"),
+        ({"keypoints": [[1.0, 2.0], [1.0]]}, "frame 7: keypoints: not a list of numbers"),
+        ({"keypoints": [1.0] * 51, "foot_kpts": None}, "frame 7: foot_kpts has 0 points"),
+        ({"keypoints": [1.0] * 51, "foot_kpts": {"x": 1}}, "frame 7: foot_kpts: not a list of numbers"),
+        ({"keypoints": [1.0] * 402}, "some frames have 133 keypoints, some 134"),
+        ({"image_id": "7"}, "image_id is missing in some results, or not of one kind"),
+        ({"image_id": None}, "image_id is missing in some results, or not of one kind"),
+    ],
+)
+def test_what_is_no_coco_result_is_refused_with_file_and_frame(tmp_path, broken, said):
+    sound = coco_entry(np.ones((133, 3)), image_id=6)
+    with pytest.raises(BadInput, match=r"left\.json: " + said):
+        read_left(tmp_path, [sound, sound | {"image_id": 7} | broken])
+
+
+def test_results_without_image_id_keep_the_order_of_the_file(tmp_path, keypoints):
+    uv, _ = read_left(tmp_path, [coco_entry(k) for k in keypoints[::-1, 0]])
+    np.testing.assert_allclose(uv[:, 0], keypoints[::-1, 0, :, :2] + 0.5)
+
+
+@pytest.mark.parametrize("people", [[[1.0, 2.0]], [None], {"pose_keypoints_2d": []}, [{"pose_keypoints_2d": [1.0, 2.0]}]])
+def test_what_is_no_openpose_frame_is_refused_by_name(tmp_path, people):
+    (tmp_path / "left").mkdir()
+    (tmp_path / "left/000.json").write_text(json.dumps({"people": people}))
+    with pytest.raises(BadInput, match=r"000\.json"):
+        read_keypoints(tmp_path, ("left",))
+
+
+def test_of_several_people_the_one_whose_scores_sum_highest_is_taken(tmp_path):
+    half, whole = np.zeros((18, 3)), np.full((18, 3), [5.0, 5.0, 0.6])
+    half[:4] = [3.0, 3.0, 0.9]  # surer, point by point
+    (tmp_path / "left").mkdir()
+    people = [{"pose_keypoints_2d": body.ravel().tolist()} for body in (half, whole)]
+    (tmp_path / "left/000.json").write_text(json.dumps({"people": people}))
+    assert read_keypoints(tmp_path, ("left",))[0][0, 0, 0, 0] == 5.5
+
+
+def test_the_door_passes_the_pixel_centre_on(tmp_path):
+    job, capture = SimpleNamespace(recording=tmp_path), examples()["capture"].model_copy(update={"template": None})
+    np.savez(tmp_path / "k.npz", keypoints=np.ones((3, 2, 133, 3)))
+    for centre, u in ((0.0, 1.5), (0.5, 1.0)):
+        found = door.function(job, capture, KeypointsParameters(file=tmp_path / "k.npz", pixel_centre=centre))
+        assert (found.keypoints == u).all()

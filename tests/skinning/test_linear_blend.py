@@ -3,7 +3,7 @@
 import numpy as np
 
 from tasks.geometry.rotations import matrix_from_axis_angle
-from tasks.skinning.linear_blend import SQUEEZE, nearest_weights, repose, unpose
+from tasks.skinning.linear_blend import SQUEEZE, repose, unpose
 
 
 def random_transforms(rng, joints: int, *, angle: float):
@@ -65,9 +65,3 @@ def test_the_guard_sits_where_its_docstring_says():
         T[1, :3, :3] = matrix_from_axis_angle(np.array([0, 0, np.deg2rad(degrees)]))
         assert unpose(np.ones((1, 3)), np.array([[0.5, 0.5]]), T).squeezed[0] == flagged
     assert np.isclose(2 * np.rad2deg(np.arccos(SQUEEZE)), 156.9, atol=0.1)
-
-
-def test_nearest_weights_interpolate_on_the_surface():
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    got = nearest_weights(np.array([[0.25, 0.25, 0.3], [2.0, -1, 0]]), vertices, np.array([[0, 1, 2]], np.int32), np.eye(3))
-    np.testing.assert_allclose(got, [[0.5, 0.25, 0.25], [0, 1, 0]], atol=1e-12)
