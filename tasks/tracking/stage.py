@@ -8,8 +8,9 @@ import numpy as np
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.tracking import Tracking
-from tasks.capture.template import Template, read_template
+from tasks.capture.template import BODY, Template, read_template
 from tasks.geometry.distances import closest_points
+from tasks.geometry.unwrap import unwrap
 from tasks.recorded import recorded
 from tasks.stage import Job, Parameters, stage
 from tasks.tracking.sequence import State, TrackedFrame, track_sequence
@@ -23,11 +24,11 @@ class TrackingParameters(Parameters):
     camera_gain: bool = True
 
 
-@stage("tracking", version=1, pool="tracking", timeout_s=24 * 3600, retries=1)
+@stage("tracking", version=2, pool="tracking", timeout_s=24 * 3600, retries=1)
 def tracking(job: Job, capture: Capture, body: Body, parameters: TrackingParameters) -> Tracking:
     """Track skin and garments; skin starts each frame where the fitted body carries it."""
     recording = recorded(capture, job.recording)
-    template = read_template(recording.template) if recording.template else _hull(recording, parameters)
+    template = _with_atlas(read_template(recording.template) if recording.template else _hull(recording, parameters))
     done: list[TrackedFrame] = []
     start = _resume(job.checkpoint, done)
     count = len(recording.frames)
@@ -70,7 +71,15 @@ def _hull(recording, parameters: TrackingParameters) -> Template:
 
     masks = [recording.read_mask(camera, 0) for camera in range(len(recording.cameras))]
     vertices, faces = visual_hull(masks, recording.cameras, target_vertices=parameters.hull_vertices)
-    return Template(vertices, faces, np.zeros((0, 2)), np.zeros_like(faces), np.full(len(faces), "body"))
+    return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), BODY))
+
+
+def _with_atlas(template: Template) -> Template:
+    """Texture coordinates of its own for a surface that came without: what is tracked is also painted."""
+    if len(template.uv_vertices):
+        return template
+    uv_vertices, uv_faces = unwrap(template.vertices, template.faces)
+    return replace(template, uv_vertices=uv_vertices, uv_faces=uv_faces)
 
 
 def _carried(template: Template, body: Body) -> np.ndarray:

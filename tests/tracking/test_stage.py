@@ -1,0 +1,100 @@
+"""The door of tracking: whatever the first surface came as, it leaves with an atlas."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from storage_schemas.body import Body
+from storage_schemas.store import Store
+from tasks.appearance.atlas import uv_faults
+from tasks.capture.calibration_actorshq import write_calibration_csv
+from tasks.capture.stage import CaptureParameters, capture
+from tasks.capture.template import Template, write_obj
+from tasks.export.frames import write_ply_frames
+from tasks.tracking.stage import TrackingParameters, tracking
+from tests.storage_schemas.examples import key_of, provenance
+from tests.tracking.skirt import skirt
+
+FRAMES = 2
+TEMPLATE = "template/template.obj"
+
+
+def recording(folder, cameras, images, masks=None):
+    """An ActorsHQ sequence with images[frame][camera] and masks likewise."""
+    scale = folder / "1x"
+    for kind in ("rgb", "mask")[: 1 if masks is None else 2]:
+        for name in cameras.names:
+            (scale / f"{kind}s" / name).mkdir(parents=True)
+    write_calibration_csv(scale / "calibration.csv", cameras)
+    for t in range(FRAMES):
+        for k, name in enumerate(cameras.names):
+            Image.fromarray(images[t][k]).save(scale / f"rgbs/{name}/{name}_rgb{t:06d}.jpg", quality=95)
+            if masks is not None:
+                Image.fromarray(255 * masks[t][k].astype(np.uint8)).save(scale / f"masks/{name}/{name}_mask{t:06d}.png")
+    (folder / "template").mkdir()
+    return folder
+
+
+def bare(vertices, faces):
+    """Skin, without texture coordinates."""
+    return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), "body"))
+
+
+def body(vertices, faces):
+    """A body of which nothing but the surface [T, B, 3] m is told."""
+    T, B = vertices.shape[:2]
+    return Body(
+        pose=np.zeros((T, 55, 3), "float32"),
+        shape=np.zeros(10, "float32"),
+        expression=np.zeros((T, 10), "float32"),
+        translation=np.zeros((T, 3), "float32"),
+        vertices=vertices.astype("float32"),
+        joints=np.zeros((T, 55, 3), "float32"),
+        transforms=np.tile(np.eye(4, dtype="float32"), (T, 55, 1, 1)),
+        faces=faces,
+        weights=np.eye(1, 55, dtype="float32").repeat(B, 0),
+        reprojection_px=np.zeros((T, 1, 1), "float32"),
+        scale=1.0,
+        model="a surface",
+        model_sha256="0" * 64,
+        ending="given",
+    )
+
+
+def tracked(root, folder, person, *, ply=None, **parameters):
+    """What the door publishes of a sequence folder; `ply` names another template than the one found there."""
+    store = Store(root / "store")
+    ref = capture.run(store, "ann", "one", {}, CaptureParameters(recording=folder)).ref
+    if ply is not None:  # readers of recordings look for OBJ; a record may name either
+        known, name = store.open(ref, capture.writes), ply.relative_to(folder).as_posix()
+        digests = {**known.sha256, name: hashlib.sha256(ply.read_bytes()).hexdigest()}
+        ref = published(store, "capture", known.model_copy(update={"template": name, "sha256": digests}))
+    inputs = {"capture": ref, "body": published(store, "body", person)}
+    found = tracking.run(store, "ann", "one", inputs, TrackingParameters(**parameters), recording=folder)
+    return store.open(found.ref, tracking.writes)
+
+
+def published(store, stage, record):
+    return store.publish(record, actor="ann", sequence="one", stage=stage, key=key_of(1, stage), provenance=provenance())
+
+
+@pytest.fixture(scope="module")
+def small():
+    return skirt(columns=24, rows=15, frames=4, size=160, views=6)
+
+
+@pytest.mark.parametrize("kind", ["hull", "obj", "ply"])
+def test_a_surface_without_texture_coordinates_gets_an_atlas(tmp_path, small, kind):
+    folder = recording(tmp_path / "one", small.cameras, small.images, small.masks)
+    if kind == "obj":
+        write_obj(folder / TEMPLATE, bare(small.vertices[0], small.faces))
+    ply = write_ply_frames(folder / "template", "first", small.vertices[:1], small.faces)[0] if kind == "ply" else None
+    found = tracked(tmp_path, folder, body(small.vertices[:FRAMES], small.faces), ply=ply, hull_vertices=300)
+    assert uv_faults(found.uv_vertices, found.uv_faces, len(found.faces)) == []
+    assert len(found.vertices) == FRAMES and found.part_names == ("body",)
+    if kind == "hull":
+        assert abs(found.vertices.shape[1] - 300) < 15
+    else:
+        assert np.array_equal(found.faces, small.faces)
