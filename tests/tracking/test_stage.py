@@ -4,38 +4,25 @@ import hashlib
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from storage_schemas.body import Body
 from storage_schemas.store import Store
 from tasks.appearance.atlas import uv_faults
-from tasks.capture.calibration_actorshq import write_calibration_csv
 from tasks.capture.stage import CaptureParameters, capture
 from tasks.capture.template import Template, write_obj
 from tasks.export.frames import write_ply_frames
 from tasks.geometry.rotations import matrix_from_axis_angle
 from tasks.tracking.stage import TrackingParameters, tracking
+from tests.sequences import write_pictures
 from tests.storage_schemas.examples import key_of, provenance
 from tests.tracking.skirt import cone, ring, skirt
 
 FRAMES = 2
-TEMPLATE = "template/template.obj"
 
 
-def recording(folder, cameras, images, masks=None):
-    """An ActorsHQ sequence with images[frame][camera] and masks likewise."""
-    scale = folder / "1x"
-    for kind in ("rgb", "mask")[: 1 if masks is None else 2]:
-        for name in cameras.names:
-            (scale / f"{kind}s" / name).mkdir(parents=True)
-    write_calibration_csv(scale / "calibration.csv", cameras)
-    for t in range(FRAMES):
-        for k, name in enumerate(cameras.names):
-            Image.fromarray(images[t][k]).save(scale / f"rgbs/{name}/{name}_rgb{t:06d}.jpg", quality=95)
-            if masks is not None:
-                Image.fromarray(255 * masks[t][k].astype(np.uint8)).save(scale / f"masks/{name}/{name}_mask{t:06d}.png")
+def write_template(folder, template):
     (folder / "template").mkdir()
-    return folder
+    write_obj(folder / "template/template.obj", template)
 
 
 def bare(vertices, faces):
@@ -88,9 +75,9 @@ def small():
 
 @pytest.mark.parametrize("kind", ["hull", "obj", "ply"])
 def test_a_surface_without_texture_coordinates_gets_an_atlas(tmp_path, small, kind):
-    folder = recording(tmp_path / "one", small.cameras, small.images, small.masks)
+    folder = write_pictures(tmp_path / "one", small.cameras, small.images[:FRAMES], small.masks[:FRAMES])
     if kind == "obj":
-        write_obj(folder / TEMPLATE, bare(small.vertices[0], small.faces))
+        write_template(folder, bare(small.vertices[0], small.faces))
     ply = write_ply_frames(folder / "template", "first", small.vertices[:1], small.faces)[0] if kind == "ply" else None
     found = tracked(tmp_path, folder, body(small.vertices[:FRAMES], small.faces), ply=ply, hull_vertices=300)
     assert uv_faults(found.uv_vertices, found.uv_faces, len(found.faces)) == []
@@ -109,7 +96,7 @@ def test_skin_beside_a_turning_limb_turns_with_it(tmp_path):
     skin = limb * [1.1, 1.0, 1.1]
     cameras = ring(4, 96)
     black = [[np.zeros((h, w, 3), np.uint8) for w, h in cameras.size]] * FRAMES
-    folder = recording(tmp_path / "one", cameras, black)
-    write_obj(folder / TEMPLATE, bare(skin, faces))
+    folder = write_pictures(tmp_path / "one", cameras, black)
+    write_template(folder, bare(skin, faces))
     found = tracked(tmp_path, folder, person, camera_gain=False)
     assert np.sqrt(((found.vertices[1] - skin @ R.T) ** 2).sum(-1).mean()) < 1e-3
