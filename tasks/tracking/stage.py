@@ -1,5 +1,6 @@
 """The door of tracking: follow the surface of the first frame through all pictures, resumable after every frame."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,11 @@ from tasks.tracking.body_motion import carried_by_body
 from tasks.tracking.sequence import State, TrackedFrame, track_sequence
 from tasks.tracking.settings import Settings
 
+NO_PATTERN = (
+    "The garments came without texture coordinates, and the atlas made for them follows their folds: it is no sewing pattern. "
+    "Set cloth.rest=worn, and believe nothing that is said of seams, weft and warp."
+)
+
 
 class TrackingParameters(Parameters):
     """template: the surface at the first frame; by default the recording's own, else a visual hull with this many vertices."""
@@ -25,11 +31,11 @@ class TrackingParameters(Parameters):
     camera_gain: bool = True
 
 
-@stage("tracking", version=4, pool="tracking", timeout_s=24 * 3600, retries=1)
+@stage("tracking", version=5, pool="tracking", timeout_s=24 * 3600, retries=1)
 def tracking(job: Job, capture: Capture, body: Body, parameters: TrackingParameters) -> Tracking:
     """Track skin and garments; skin starts each frame where the fitted body carries it."""
     recording = recorded(capture, job.recording)
-    template = _with_atlas(read_template(recording.template) if recording.template else _hull(recording, parameters))
+    template = _with_atlas(read_template(recording.template) if recording.template else _hull(recording, parameters), job.warn)
     skin = skin_vertices(template.faces, template.part, len(template.vertices))
     done: list[TrackedFrame] = []
     start = _resume(job.checkpoint, done)
@@ -76,10 +82,12 @@ def _hull(recording, parameters: TrackingParameters) -> Template:
     return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), SKIN))
 
 
-def _with_atlas(template: Template) -> Template:
+def _with_atlas(template: Template, warn: Callable[[str], None]) -> Template:
     """Texture coordinates of its own for a surface that came without: what is tracked is also painted."""
     if len(template.uv_vertices):
         return template
+    if (template.part != SKIN).any():
+        warn(NO_PATTERN)
     uv_vertices, uv_faces = unwrap(template.vertices, template.faces)
     return replace(template, uv_vertices=uv_vertices, uv_faces=uv_faces)
 

@@ -10,9 +10,10 @@ from storage_schemas.store import Store
 from tasks.appearance.atlas import uv_faults
 from tasks.capture.stage import CaptureParameters, capture
 from tasks.capture.template import Template, write_obj
+from tasks.cloth.rest_shape import pattern
 from tasks.export.frames import write_ply_frames
 from tasks.geometry.rotations import matrix_from_axis_angle
-from tasks.tracking.stage import TrackingParameters, tracking
+from tasks.tracking.stage import NO_PATTERN, TrackingParameters, tracking
 from tests.sequences import write_pictures
 from tests.storage_schemas.examples import key_of, provenance
 from tests.tracking.skirt import cone, ring, skirt
@@ -25,9 +26,9 @@ def write_template(folder, template):
     write_obj(folder / "template/template.obj", template)
 
 
-def bare(vertices, faces):
-    """Skin, without texture coordinates."""
-    return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), "body"))
+def bare(vertices, faces, part="body"):
+    """One part without texture coordinates."""
+    return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), part))
 
 
 def body(vertices, faces):
@@ -51,7 +52,7 @@ def body(vertices, faces):
     )
 
 
-def tracked(root, folder, person, *, ply=None, **parameters):
+def tracked(root, folder, person, *, ply=None, warn=lambda text: None, **parameters):
     """What the door publishes of a sequence folder; `ply` names another template than the one found there."""
     store = Store(root / "store")
     ref = capture.run(store, "ann", "one", {}, CaptureParameters(recording=folder)).ref
@@ -60,7 +61,7 @@ def tracked(root, folder, person, *, ply=None, **parameters):
         digests = {**known.sha256, name: hashlib.sha256(ply.read_bytes()).hexdigest()}
         ref = published(store, "capture", known.model_copy(update={"template": name, "sha256": digests}))
     inputs = {"capture": ref, "body": published(store, "body", person)}
-    found = tracking.run(store, "ann", "one", inputs, TrackingParameters(**parameters), recording=folder)
+    found = tracking.run(store, "ann", "one", inputs, TrackingParameters(**parameters), recording=folder, warn=warn)
     return store.open(found.ref, tracking.writes)
 
 
@@ -75,17 +76,27 @@ def small():
 
 @pytest.mark.parametrize("kind", ["hull", "obj", "ply"])
 def test_a_surface_without_texture_coordinates_gets_an_atlas(tmp_path, small, kind):
+    warned = []
     folder = write_pictures(tmp_path / "one", small.cameras, small.images[:FRAMES], small.masks[:FRAMES])
     if kind == "obj":
         write_template(folder, bare(small.vertices[0], small.faces))
     ply = write_ply_frames(folder / "template", "first", small.vertices[:1], small.faces)[0] if kind == "ply" else None
-    found = tracked(tmp_path, folder, body(small.vertices[:FRAMES], small.faces), ply=ply, hull_vertices=300)
+    found = tracked(tmp_path, folder, body(small.vertices[:FRAMES], small.faces), ply=ply, warn=warned.append, hull_vertices=300)
     assert uv_faults(found.uv_vertices, found.uv_faces, len(found.faces)) == []
-    assert len(found.vertices) == FRAMES and found.part_names == ("body",)
+    assert len(found.vertices) == FRAMES and found.part_names == ("body",) and warned == []
     if kind == "hull":
         assert abs(found.vertices.shape[1] - 300) < 15
     else:
         assert np.array_equal(found.faces, small.faces)
+
+
+def test_the_atlas_of_a_garment_is_said_to_be_no_pattern(tmp_path, small):
+    """It is isometric enough to be taken for one: each chart follows the cloth as it hangs."""
+    folder, warned = write_pictures(tmp_path / "one", small.cameras, small.images[:FRAMES], small.masks[:FRAMES]), []
+    write_template(folder, bare(small.vertices[0], small.faces, "skirt"))
+    found = tracked(tmp_path, folder, body(small.vertices[:FRAMES], small.faces), warn=warned.append)
+    assert pattern(found.vertices[0], found.faces, found.uv_vertices.astype(float), found.uv_faces) is not None
+    assert warned == [NO_PATTERN]
 
 
 def test_skin_beside_a_turning_limb_turns_with_it(tmp_path):
