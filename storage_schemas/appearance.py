@@ -3,7 +3,8 @@
 * `albedo` is linear (not sRGB), in the texture space of the tracked surface, row 0 at v = 1; `observed` marks texels that
   some camera saw, the others were filled in.
 * `light` is linear RGB; `gains` multiply a render per camera and channel.
-* `psnr` compares renders with the images of `training_frames` and of frames kept out; NaN where a pair was not compared.
+* `psnr` compares renders with the images of `training_frames`, in cameras kept out of the fit too; NaN where a pair was not compared.
+  Which camera was kept out is a parameter of the stage and stands in the provenance.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Texture and light of the actor from images, and pictures of the avatar."""
+"""Texture and light of the actor from images."""

@@ -28,7 +28,7 @@ from tasks.appearance.scene import Scene, scene_faults
 from tasks.appearance.transport import RAYS
 from tasks.appearance.unseen import fill_unseen
 from tasks.geometry.cameras import Cameras
-from tasks.geometry.faults import refuse
+from tasks.geometry.faults import Fault, refuse
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -36,6 +36,7 @@ Faces = NDArray[np.int32]
 SMOOTHNESS, PRIOR = 0.05, 1e-4  # λ and ε, in squared pixel values per squared albedo
 OBSERVED = 0.05  # least diagonal of MᵀM of a texel that the images determine
 DARKEST, BRIGHTEST = 0.001, 0.999
+LEFT_OUT = 0.2  # largest share of pixels that may span too many texels
 ITERATIONS, TOLERANCE = 60, 1e-5  # of conjugate gradients
 
 
@@ -44,7 +45,8 @@ class Appearance:
     """A texture and how well it explains the images.
 
     albedo [h, w, 3] linear; observed [h, w]: texels that images determine, the others are filled in; light [3] = L_a;
-    gain [camera, 3]; psnr [frame, camera] dB over observed, eroded pixels in sRGB (NaN where none); held_out [camera]; ending.
+    gain [camera, 3]; psnr [frame, camera] dB over observed, eroded pixels in sRGB (NaN where none); held_out [camera]; too_fine: the
+    texture is so fine that more than a fifth of the pixels were left out; ending.
     """
 
     albedo: NDArray[np.float32]
@@ -53,6 +55,7 @@ class Appearance:
     gain: Array
     psnr: Array
     held_out: NDArray[np.bool_]
+    too_fine: bool
     ending: str
 
 
@@ -81,7 +84,8 @@ def solve_albedo(
     not enter the fit but are scored. `reduce` shrinks images by a whole factor. The mesh must hold everything that blocks light, the
     body under the garment included. Raises BadInput.
     """
-    refuse(camera_faults(cameras, reduce) + scene_faults(vertices[list(frames)], faces, uv_vertices, uv_faces))
+    faults = camera_faults(cameras, reduce) + _held_out_faults(cameras, held_out)
+    refuse(faults + scene_faults(vertices[list(frames)], faces, uv_vertices, uv_faces))
     scene = Scene(vertices[list(frames)], faces, uv_vertices, uv_faces, cameras.scaled(1 / reduce))
     hits = scene.trace(rays=rays, seed=seed)
     train = [k for k in range(len(cameras)) if k not in set(held_out)]
@@ -99,8 +103,8 @@ def solve_albedo(
         ρ = fill_unseen(ρ, observed, faces, uv_vertices, uv_faces, vertices.shape[1])
     light = scene.light(hits, ρ)
     scores = score_views(scene, light, ρ, observed, images, masks, frames=frames, reduce=reduce, gain=gain)
-    ending = _ending(equations, observed, chart, told)
-    return Appearance(ρ, observed, np.ones(3), gain, scores, np.isin(np.arange(len(cameras)), list(held_out)), ending)
+    judges = np.isin(np.arange(len(cameras)), list(held_out))
+    return Appearance(ρ, observed, np.ones(3), gain, scores, judges, _too_fine(equations), _ending(equations, observed, chart, told))
 
 
 def conjugate_gradients(equations: NormalEquations, b: NDArray, x: NDArray, free: NDArray[np.bool_]) -> tuple[NDArray, float]:
@@ -126,6 +130,11 @@ def conjugate_gradients(equations: NormalEquations, b: NDArray, x: NDArray, free
     return x, float(np.sqrt((rz / norm).max()))
 
 
+def _held_out_faults(cameras: Cameras, held_out: Sequence[int]) -> list[Fault]:
+    count = len(cameras)
+    return [Fault("held_out", f"camera {k} of a rig of {count}", f"Name one of 0 to {count - 1}.") for k in held_out if not 0 <= k < count]
+
+
 def _pictures(scene, light, images, masks, frames, train, reduce, size) -> Iterator[tuple[int, View, NDArray, NDArray]]:
     """(camera, view for a texture of `size`, linear image, usable pixels) of every training picture."""
     for i, frame in enumerate(frames):
@@ -146,11 +155,14 @@ def _dot(a: NDArray, b: NDArray) -> Array:
     return np.einsum("ijc,ijc->c", a, b, dtype=np.float64)
 
 
+def _too_fine(equations: NormalEquations) -> bool:
+    return equations.left_out > LEFT_OUT * max(equations.used + equations.left_out, 1)
+
+
 def _ending(equations: NormalEquations, observed: NDArray[np.bool_], chart: NDArray[np.int32], told: str) -> str:
     seen = (observed & (chart >= 0)).sum() / max((chart >= 0).sum(), 1)
-    total = equations.used + equations.left_out
     text = f"{equations.used} pixels used; {seen:.0%} of the charts' texels observed; {told}"
-    if equations.left_out > 0.2 * max(total, 1):
-        share = equations.left_out / total
+    if _too_fine(equations):
+        share = equations.left_out / (equations.used + equations.left_out)
         text += f"; {share:.0%} of the pixels span too many texels and were left out: make the texture smaller or the images larger"
     return text

@@ -61,7 +61,9 @@ def face_means(texture: Array, uv_vertices: Array, uv_faces: Faces) -> Array:
 
 
 def uv_faults(uv_vertices: Array, uv_faces: Faces, face_count: int) -> list[Fault]:
-    """What makes a UV map unfit: another number of faces than the mesh, or coordinates outside the unit square (tiling)."""
+    """What makes a UV map unfit: none at all, another number of faces than the mesh, or coordinates outside the unit square (tiling)."""
+    if not len(uv_vertices):
+        return [Fault("uv_vertices", "there are none", "Unwrap the mesh.")]
     faults = []
     if len(uv_faces) != face_count:
         faults.append(Fault("uv_faces", f"{len(uv_faces)} faces for {face_count} of the mesh", "Give one UV triangle per face."))

@@ -45,6 +45,8 @@ def erode(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
 
 def camera_faults(cameras: Cameras, reduce: int) -> list[Fault]:
     """Cameras that the pixel model cannot draw: with distortion, or of a size that `reduce` does not divide."""
+    if reduce < 1:
+        return [Fault("reduce", f"is {reduce}", "Give a whole factor, 1 to leave the images as they are.")]
     faults = []
     for name, size, distortion in zip(cameras.names, cameras.size, cameras.distortion, strict=True):
         if np.abs(distortion).max() > 0:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import Fault, refuse
 from tasks.geometry.mitsuba_variant import load_mitsuba
+from tasks.geometry.seams import cut_seams
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -43,8 +44,9 @@ class PathTracer:
         """Vertices [V, 3] m of any one frame; albedo [h, w, 3] linear. Raises BadInput for cameras that Mitsuba cannot express."""
         refuse(_lens_faults(cameras))
         self.mi = load_mitsuba(variant)
-        corners, self._vertex, texture_corner = _doubled(faces, uv_faces)
-        mesh = self._mesh(corners, uv_vertices[texture_corner], vertices, albedo)
+        corners = cut_seams(faces, uv_faces)
+        self._vertex = corners.vertex
+        mesh = self._mesh(corners.faces, uv_vertices[corners.uv], vertices, albedo)
         self.scene = self.mi.load_dict(
             {
                 "type": "scene",
@@ -110,13 +112,6 @@ class PathTracer:
                 "sampler": {"type": "independent"},
             }
         )
-
-
-def _doubled(faces: Faces, uv_faces: Faces) -> tuple[Faces, NDArray, NDArray]:
-    """Faces [F, 3] over one vertex per (vertex, uv) pair in use, and the vertex and the uv vertex of each."""
-    pairs = np.stack([faces.ravel(), uv_faces.ravel()], 1)
-    unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    return inverse.reshape(-1, 3).astype(np.int32), unique[:, 0], unique[:, 1]
 
 
 def _lens_faults(cameras: Cameras) -> Sequence[Fault]:

@@ -1,6 +1,7 @@
 """The door of appearance: the garments' and the skin's texture from the pictures, in closed form."""
 
 import numpy as np
+from pydantic import Field
 
 from storage_schemas.appearance import Appearance
 from storage_schemas.capture import Capture
@@ -12,16 +13,16 @@ from tasks.stage import Job, Parameters, stage
 
 
 class AppearanceParameters(Parameters):
-    """frames: how many, spread over the sequence; held_out: index of the camera that only judges."""
+    """frames: how many, spread over the sequence; held_out: index of the camera that only judges, in rigs of more than three."""
 
-    frames: int = 6
-    texture_size: int = 1024
-    reduce: int = 1
-    held_out: int = 2
+    frames: int = Field(default=6, ge=1)
+    texture_size: int = Field(default=1024, ge=2)
+    reduce: int = Field(default=1, ge=1)
+    held_out: int = Field(default=2, ge=0)
     fit_gain: bool = True
 
 
-@stage("appearance", version=1, pool="rendering", timeout_s=4 * 3600)
+@stage("appearance", version=2, pool="rendering", timeout_s=4 * 3600)
 def appearance(job: Job, capture: Capture, body: Registration, tracking: Tracking, parameters: AppearanceParameters) -> Appearance:
     """Solve for the albedo; the mesh that blocks light is the tracked surface."""
     recording = recorded(capture, job.recording)
@@ -42,6 +43,9 @@ def appearance(job: Job, capture: Capture, body: Registration, tracking: Trackin
         reduce=parameters.reduce,
         fit_gain=parameters.fit_gain,
     )
+    job.progress(1.0, found.ending)
+    if found.too_fine:
+        job.warn(found.ending)
     return Appearance(
         albedo=found.albedo.astype(np.float32),
         observed=found.observed,

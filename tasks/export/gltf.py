@@ -1,7 +1,8 @@
 """The avatar as one .glb file: a skinned body, textured, and garments that move as they were simulated.
 
 * The body is bound to the skeleton by its strongest joints (JOINTS_0/WEIGHTS_0 and, beyond four, JOINTS_1/WEIGHTS_1) and moves by
-  the skeleton's animation: linear blend skinning of the rest pose, which the viewer computes.
+  the skeleton's animation: linear blend skinning of the rest pose, which the viewer computes. Where garments are all there is, the
+  skeleton moves alone.
 * Each garment is a mesh of its own whose frames are morph targets, one per frame after the first; the animation blends from one
   to the next, so at every frame time the garment stands exactly where the simulation left it.
 * One texture for all, sRGB, row 0 at v = 1. Rough, not metallic, seen from both sides: cloth is open.
@@ -24,9 +25,10 @@ from PIL import Image
 from tasks.export.glb import INDICES, VERTICES, Glb
 from tasks.export.influences import Influences, strongest
 from tasks.export.skeleton import LocalMotion, Skeleton, inverse_bind_matrices, local_motion, rest_translations
-from tasks.export.surface import Corners, Surface, cut_seams
+from tasks.export.surface import Surface
 from tasks.geometry.faults import Fault, refuse
 from tasks.geometry.meshes import vertex_normals
+from tasks.geometry.seams import Corners, cut_seams
 
 BODY = -1  # owner of the faces that no garment has
 UNIT_SCALE_TO = 1e-6
@@ -70,14 +72,15 @@ def write_gltf(
     owner = _garment_of_face(surface, garments)
     kept = strongest(weights, influences)
 
-    body = _add_body(glb, surface, owner == BODY, kept, _add_skin(glb, skeleton, joints), material)
+    bare = owner == BODY
+    body = [_add_body(glb, surface, bare, kept, _add_skin(glb, skeleton, joints), material)] if bare.any() else []
     worn = [_add_garment(glb, surface, owner == number, garment, material) for number, garment in enumerate(garments)]
     animation = Animation(glb, times)
     _animate_joints(animation, joints, local_motion(skeleton, transforms))
     for node in worn:
         animation.channel(node, "weights", glb.accessor(np.eye(frames)[:, 1:].ravel(), "f4"))
     glb.add("animations", {"name": "motion", "channels": animation.channels, "samplers": animation.samplers})
-    glb.json |= {"scene": 0, "scenes": [{"nodes": [joints[0], body, *worn]}]}
+    glb.json |= {"scene": 0, "scenes": [{"nodes": [joints[0], *body, *worn]}]}
     glb.write(path)
     return Exported(path, float(kept.dropped.max(initial=0)))
 

@@ -13,11 +13,10 @@ from tasks.body.anny_body import demo_body, demo_body_digest
 from tasks.body.fit import pose_sequence, reprojected
 from tasks.body.model import BodyModel
 from tasks.geometry.faults import BadInput, Fault
+from tasks.geometry.parts import SKIN, skin_vertices
 from tasks.recorded import cameras_of
 from tasks.registration.register import Pose, Skin, register
 from tasks.stage import Job, ModelFile, Otherwise, Parameters, content_digest, stage
-
-SKIN = "body"  # part of the tracked surface
 
 
 class RegistrationParameters(Parameters):
@@ -26,7 +25,7 @@ class RegistrationParameters(Parameters):
     model: Annotated[ModelFile, Otherwise(demo_body_digest)] = None
 
 
-@stage("registration", version=1, pool="tracking", timeout_s=4 * 3600)
+@stage("registration", version=2, pool="tracking", timeout_s=4 * 3600)
 def registration(
     job: Job, capture: Capture, keypoints: Keypoints, body: Body, tracking: Tracking, parameters: RegistrationParameters
 ) -> Registration:
@@ -62,6 +61,5 @@ def registration(
 def _skin(tracking: Tracking) -> Skin:
     """The vertices of the skin that no garment shares; none where the surface is one piece, for it wears its clothes then."""
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
-    worn = np.unique(tracking.faces[part != SKIN])
-    index = np.setdiff1d(np.unique(tracking.faces[part == SKIN]), worn) if len(worn) else np.zeros(0, int)
-    return Skin(tracking.vertices.astype(float), tracking.faces, index, tracking.seen)
+    bare = np.flatnonzero(skin_vertices(tracking.faces, part, tracking.vertices.shape[1]))
+    return Skin(tracking.vertices.astype(float), tracking.faces, bare if (part != SKIN).any() else bare[:0], tracking.seen)

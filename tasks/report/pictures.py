@@ -63,7 +63,7 @@ def heat(values: NDArray, top: float) -> NDArray:
     """Colours [n, 3] in 0–255 for values from 0 to `top`; grey where NaN."""
     from matplotlib import colormaps
 
-    rgb = 255 * colormaps["inferno"](np.clip(np.nan_to_num(values) / max(top, 1e-12), 0, 1))[:, :3]
+    rgb = 255 * colormaps["inferno"](np.clip(values / max(top, 1e-12), 0, 1))[:, :3]
     return np.where(np.isfinite(values)[:, None], rgb, 128.0)
 
 

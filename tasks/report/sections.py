@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.cameras import Cameras
+from tasks.geometry.parts import SKIN
 from tasks.report.page import Figure, Section, Table
 from tasks.report.pictures import crop_to, data_uri, draw_keypoints, draw_mesh, figure_uri, heat, strip
 
@@ -69,7 +70,7 @@ def tracking_section(
     noise_m: NDArray,
 ) -> Section:
     """The tracked surface over the pictures; rms [frame], seen and noise_m [frame, vertex]."""
-    names = sorted(set(part.tolist()) - {"body"})
+    names = sorted(set(part.tolist()) - {SKIN})
     colour = np.full((len(faces), 3), 200.0)
     for name, rgb in zip(names, GARMENT_COLOURS):
         colour[part == name] = rgb
@@ -106,24 +107,32 @@ def cloth_section(parameters: dict[str, dict[str, Any]], history: dict[str, list
 
 
 def gap_section(
-    image: NDArray, cameras: Cameras, camera: int, x: NDArray, faces: NDArray, vertex_mm: NDArray, tables: dict[str, Any], fps: float
+    image: NDArray, cameras: Cameras, camera: int, x: NDArray, faces: NDArray, residual_mm: NDArray, tables: dict[str, Any], fps: float
 ) -> Section:
-    """Heat map on the simulated garments, error over time, and the tables by zone, direction and band."""
-    top = float(np.nanpercentile(vertex_mm, 95))
-    picture = draw_mesh(
-        np.full_like(image, 24), cameras, camera, x, faces, colour=heat(np.nan_to_num(vertex_mm)[faces].mean(1), top), opacity=1.0
-    )
+    """Heat map on the simulated garments, error over time, and the tables by zone, direction and band; residual_mm [frame, vertex]."""
+    vertex_mm = _vertex_rms(residual_mm)
+    top = float(np.nanpercentile(vertex_mm, 95)) if np.isfinite(vertex_mm).any() else 0.0
+    colour = heat(vertex_mm[faces].mean(1), top)
+    picture = draw_mesh(np.full_like(image, 24), cameras, camera, x, faces, colour=colour, opacity=1.0)
     zones = Table(
         ["zone", "vertices", "rms mm", "share of squared error"],
         [[z["zone"], z["vertices"], z["rms_mm"], z["share"]] for z in tables["zones"]],
     )
     directions = Table(["direction", "rms mm"], [[k, v] for k, v in tables["directions_mm"].items()])
     bands = Table(["frequency", "rms mm"], [[b["band"], b["rms_mm"]] for b in tables["bands"]])
+    told = f"Error by vertex, black 0 to yellow {top:.1f} mm (rms over time); grey where a corner was never seen."
     figures = [
-        Figure(data_uri(crop_to(picture, cameras, camera, x)), f"Error by vertex, black 0 to yellow {top:.1f} mm (rms over time)."),
+        Figure(data_uri(crop_to(picture, cameras, camera, x)), told),
         Figure(figure_uri(_timeline(np.asarray(tables["frame_mm"], float), fps)), "Error over time.", plot=True),
     ]
     return Section("Where the gap lies", tables=[zones, directions, bands], figures=figures)
+
+
+def _vertex_rms(residual_mm: NDArray) -> NDArray:
+    """Root mean square [V] mm over the frames in which a vertex was seen; NaN where it never was."""
+    seen = np.isfinite(residual_mm)
+    squared = np.where(seen, residual_mm, 0.0) ** 2
+    return np.sqrt(squared.sum(0) / np.where(seen.any(0), seen.sum(0), np.nan))
 
 
 def cause_section(answer: dict[str, Any]) -> Section:

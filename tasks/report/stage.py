@@ -35,7 +35,7 @@ class ReportParameters(Parameters):
     stages: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
-@stage("report", version=1, pool="rendering", timeout_s=1800)
+@stage("report", version=2, pool="rendering", timeout_s=1800)
 def report(
     job: Job,
     capture: Capture,
@@ -91,7 +91,7 @@ class _View:
 
 def _gap(view: _View, cloth: Cloth, gap: Gap, fps: float) -> Section:
     x = cloth.simulated[view.t].astype(float)
-    return sections.gap_section(view.images[0], view.rig, 0, x, cloth.faces, _rms(gap.residual_mm), gap.tables, fps)
+    return sections.gap_section(view.images[0], view.rig, 0, x, cloth.faces, gap.residual_mm.astype(float), gap.tables, fps)
 
 
 def _tracking(view: _View, tracking: Tracking) -> Section:
@@ -116,8 +116,3 @@ def _keypoints(view: _View, keypoints: Keypoints, body: Body | None) -> Section:
 def _appearance(appearance: Appearance, capture: Capture) -> Section:
     texture = srgb8_from_linear(appearance.albedo)
     return sections.appearance_section(texture, appearance.psnr, appearance.training_frames, capture.camera_names)
-
-
-def _rms(residual_mm: np.ndarray) -> np.ndarray:
-    squared = np.where(np.isfinite(residual_mm), residual_mm, 0.0) ** 2
-    return np.sqrt(squared.sum(0) / np.maximum(np.isfinite(residual_mm).sum(0), 1))

@@ -15,17 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.distances import closest_points
-from tasks.tracking.surface import SKIN
 
 Array = NDArray[np.float64]
-
-
-def skin_vertices(faces: NDArray[np.integer], part: NDArray[np.str_], vertex_count: int) -> NDArray[np.bool_]:
-    """Vertices [V] all of whose faces are skin; part [F]."""
-    skin, cloth = np.zeros(vertex_count, bool), np.zeros(vertex_count, bool)
-    is_skin = np.asarray(part) == SKIN
-    skin[faces[is_skin]], cloth[faces[~is_skin]] = True, True
-    return skin & ~cloth
 
 
 def carried_by_body(template: Array, carried: NDArray[np.bool_], body_vertices: Array, body_faces: NDArray[np.integer]) -> Array:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.rasterise import Fragments
+from tasks.tracking.mask_distance import signed_distance
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class Rim:
 
 def outlines(stacked: list[NDArray[np.float32]]) -> Outlines:
     """Distances from images [height, width, 4] per camera, whose last channel is the mask."""
-    fields = [_signed_distance(image[..., 3] > 0.5) for image in stacked]
+    fields = [signed_distance(image[..., 3] > 0.5) for image in stacked]
     size = np.array([(d.shape[1], d.shape[0]) for d in fields], np.int64)
     return Outlines(np.concatenate([d.ravel() for d in fields]), np.concatenate([[0], np.cumsum(size.prod(1))[:-1]]), size)
 
@@ -86,15 +87,6 @@ def add_derivatives(
         x, faces, rim.camera, rim.face, rim.barycentric, outlines.distance, outlines.offset, outlines.size,
         cameras.K, cameras.R, cameras.t, sigma, energy, gradient, hessian,
     )  # fmt: skip
-
-
-def _signed_distance(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Half a pixel is taken off because OpenCV measures to the centre of the nearest pixel of the other kind."""
-    import cv2
-
-    within = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    without = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.where(inside, within - 0.5, 0.5 - without).astype(np.float32)
 
 
 @njit(cache=True)

@@ -1,5 +1,6 @@
 """The door of tracking: follow the surface of the first frame through all pictures, resumable after every frame."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,18 @@ from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.tracking import Tracking
 from tasks.capture.template import Template, read_template
-from tasks.geometry.distances import closest_points
+from tasks.geometry.parts import SKIN, skin_vertices
+from tasks.geometry.unwrap import unwrap
 from tasks.recorded import recorded
 from tasks.stage import Job, Parameters, stage
+from tasks.tracking.body_motion import carried_by_body
 from tasks.tracking.sequence import State, TrackedFrame, track_sequence
 from tasks.tracking.settings import Settings
+
+NO_PATTERN = (
+    "The garments came without texture coordinates, and the atlas made for them follows their folds: it is no sewing pattern. "
+    "Set cloth.rest=worn, and believe nothing that is said of seams, weft and warp."
+)
 
 
 class TrackingParameters(Parameters):
@@ -23,11 +31,12 @@ class TrackingParameters(Parameters):
     camera_gain: bool = True
 
 
-@stage("tracking", version=1, pool="tracking", timeout_s=24 * 3600, retries=1)
+@stage("tracking", version=5, pool="tracking", timeout_s=24 * 3600, retries=1)
 def tracking(job: Job, capture: Capture, body: Body, parameters: TrackingParameters) -> Tracking:
     """Track skin and garments; skin starts each frame where the fitted body carries it."""
     recording = recorded(capture, job.recording)
-    template = read_template(recording.template) if recording.template else _hull(recording, parameters)
+    template = _with_atlas(read_template(recording.template) if recording.template else _hull(recording, parameters), job.warn)
+    skin = skin_vertices(template.faces, template.part, len(template.vertices))
     done: list[TrackedFrame] = []
     start = _resume(job.checkpoint, done)
     count = len(recording.frames)
@@ -45,7 +54,7 @@ def tracking(job: Job, capture: Capture, body: Body, parameters: TrackingParamet
         template.faces,
         frames=count,
         part=template.part,
-        prediction=_carried(template, body),
+        prediction=carried_by_body(template.vertices, skin, body.vertices.astype(float), body.faces),
         settings=replace(Settings(), camera_gain=parameters.camera_gain),
         start=start,
         on_frame=on_frame,
@@ -70,18 +79,17 @@ def _hull(recording, parameters: TrackingParameters) -> Template:
 
     masks = [recording.read_mask(camera, 0) for camera in range(len(recording.cameras))]
     vertices, faces = visual_hull(masks, recording.cameras, target_vertices=parameters.hull_vertices)
-    return Template(vertices, faces, np.zeros((0, 2)), np.zeros_like(faces), np.full(len(faces), "body"))
+    return Template(vertices, faces, np.zeros((0, 2)), np.zeros((0, 3), np.int32), np.full(len(faces), SKIN))
 
 
-def _carried(template: Template, body: Body) -> np.ndarray:
-    """Where the fitted body carries the skin of the template [T, V, 3] m; NaN for garments, which go by their own inertia."""
-    near = closest_points(template.vertices, body.vertices[0].astype(float), body.faces)
-    moved = np.einsum("vk,tvkc->tvc", near.barycentric, body.vertices[:, body.faces[near.face]].astype(float))
-    carried = template.vertices + moved - moved[0]
-    skin = np.zeros(len(template.vertices), bool)
-    skin[template.faces[template.part == "body"]] = True
-    skin[template.faces[template.part != "body"]] = False
-    return np.where(skin[None, :, None], carried, np.nan)
+def _with_atlas(template: Template, warn: Callable[[str], None]) -> Template:
+    """Texture coordinates of its own for a surface that came without: what is tracked is also painted."""
+    if len(template.uv_vertices):
+        return template
+    if (template.part != SKIN).any():
+        warn(NO_PATTERN)
+    uv_vertices, uv_faces = unwrap(template.vertices, template.faces)
+    return replace(template, uv_vertices=uv_vertices, uv_faces=uv_faces)
 
 
 def _keep(folder: Path, found: TrackedFrame, state: State) -> None:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from tasks.geometry.meshes import edges as mesh_edges
 from tasks.geometry.meshes import face_areas
 from tasks.geometry.meshes import hinges as mesh_hinges
+from tasks.geometry.parts import SKIN
 from tasks.tracking import blocks, isometry, normal_consistency
 from tasks.tracking.settings import Settings
 
 Array = NDArray[np.float64]
-
-SKIN = "body"
 
 
 @dataclass(frozen=True)

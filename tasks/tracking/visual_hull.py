@@ -24,6 +24,7 @@ from tasks.geometry.cameras import Cameras, project
 from tasks.geometry.distances import closest_points
 from tasks.geometry.faults import BadInput, Fault
 from tasks.geometry.meshes import boundary_edges, components, edges, mesh_faults, submesh
+from tasks.tracking.mask_distance import signed_distance
 
 Array = NDArray[np.float64]
 
@@ -64,8 +65,6 @@ def visual_hull(
 
 def _outlines(masks: list[NDArray], cameras: Cameras) -> list[NDArray[np.float32]]:
     """Signed distance to each mask's outline [px], positive inside."""
-    import cv2
-
     faults = [
         Fault(
             f"mask of camera {name}",
@@ -77,13 +76,7 @@ def _outlines(masks: list[NDArray], cameras: Cameras) -> list[NDArray[np.float32
     ]
     if faults:
         raise BadInput(faults)
-    inside = [(m > m.max() / 2 if m.dtype != bool else m).astype(np.uint8) for m in masks]
-    return [_distance(cv2, m) - _distance(cv2, 1 - m) for m in inside]
-
-
-def _distance(cv2, inside: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """To the edge of the nearest outside pixel: OpenCV measures to its centre."""
-    return np.maximum(cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5, 0)
+    return [signed_distance(m if m.dtype == bool else m > m.max() / 2) for m in masks]
 
 
 def _search(distances: list[NDArray[np.float32]], cameras: Cameras, least_share: float) -> Array:

@@ -158,3 +158,9 @@ def test_unfit_input_is_refused_with_every_fault(staged):
     with pytest.raises(BadInput) as caught:
         solve(bad, images, masks)
     assert len(caught.value.faults) == 8
+
+
+def test_a_reduction_by_nothing_is_refused(staged):
+    scene, _, images, masks = staged
+    with pytest.raises(BadInput, match="reduce: is 0"):
+        solve(scene, images, masks, reduce=0)

@@ -57,3 +57,5 @@ def test_texel_surface_points_back_at_the_texel():
 def test_tiled_or_missing_uv_is_refused():
     faults = uv_faults(np.array([[0.0, 0], [2, 0], [0, 1]]), np.array([[0, 1, 2]]), 7)
     assert [fault.where for fault in faults] == ["uv_faces", "uv_vertices"]
+    (fault,) = uv_faults(np.zeros((0, 2)), np.zeros((0, 3), np.int32), 7)
+    assert "there are none" in str(fault)

@@ -8,7 +8,6 @@ import pytest
 from tasks.appearance.likeness import psnr
 from tasks.appearance.path_tracer import PathTracer
 from tasks.appearance.pixels import shade
-from tasks.appearance.render import render, render_final
 from tasks.geometry.faults import BadInput
 from tests.appearance.stage_figure import blotches, dressed_scene
 
@@ -52,21 +51,6 @@ def test_another_place_or_a_flipped_texture_does_not_agree(traced):
     assert psnr(tracer.render(0, samples=SAMPLES)[..., :3], image, covered == 1) < 24
     tracer.paint(texture)
     assert psnr(tracer.render(0, samples=SAMPLES)[..., :3], image, covered == 1) > 30
-
-
-def test_pictures_quick_and_final_are_alike_and_transparent_outside(traced):
-    scene, texture, _ = traced
-    scene = replace(scene, vertices=scene.vertices[:1])
-    quick = {(f, k): picture for f, k, picture in render(scene, texture, cameras=[0, 2])}
-    final = {(f, k): picture for f, k, picture in render_final(scene, texture, cameras=[0, 2], samples=SAMPLES)}
-    assert set(quick) == set(final) == {(0, 0), (0, 2)}
-    for key in quick:
-        a, b = quick[key].astype(int), final[key].astype(int)
-        assert a.shape == (64, 64, 4)
-        assert a[0, 0, 3] == b[0, 0, 3] == 0
-        whole = (a[..., 3] == 255) & (b[..., 3] == 255)
-        assert whole.sum() > 150
-        assert np.median(np.abs(a - b)[whole]) <= 3
 
 
 def test_lenses_that_mitsuba_cannot_express_are_refused():

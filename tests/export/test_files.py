@@ -1,7 +1,5 @@
 """Meshes, point caches, textures and videos are read back by somebody else's reader."""
 
-import struct
-
 import cv2
 import numpy as np
 import pytest
@@ -9,9 +7,9 @@ import trimesh
 
 from tasks.export.frames import write_obj_frames, write_ply_frames
 from tasks.export.influences import strongest
-from tasks.export.point_cache import write_npz, write_pc2
+from tasks.export.point_cache import write_npz
 from tasks.export.preview import shaded, write_video
-from tasks.export.surface import Surface, cut_seams
+from tasks.export.surface import Surface
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput
 from tasks.geometry.rotations import matrix_from_axis_angle
@@ -62,22 +60,6 @@ def test_npz_is_tracked_geometry(tmp_path, motion):
         assert set(track) == {"vertices", "faces", "fps", "up", "mass_kg"}
         assert np.abs(track["vertices"] - x).max() < 1e-6
         assert (float(track["fps"]), str(track["up"])) == (FPS, "y")
-
-
-def test_pc2_is_a_header_and_points(tmp_path, motion):
-    _, x = motion
-    content = write_pc2(tmp_path / "a.pc2", x).read_bytes()
-    assert struct.unpack_from("<12siiffi", content) == (b"POINTCACHE2\0", 1, x.shape[1], 0.0, 1.0, 3)
-    assert np.array_equal(np.frombuffer(content, "<f4", offset=32).reshape(x.shape), x.astype("f4"))
-    assert len(content) == 32 + x.size * 4
-
-
-def test_seams_are_cut_where_texture_splits_and_nowhere_else():
-    surface = tube()
-    corners = cut_seams(surface.faces, surface.uv_faces)
-    assert len(corners.vertex) == len(surface.vertices) + 9  # nine rows, each with one vertex on the seam
-    assert np.array_equal(corners.vertex[corners.faces], surface.faces)
-    assert np.array_equal(corners.uv[corners.faces], surface.uv_faces)
 
 
 def test_the_strongest_influences_are_kept():

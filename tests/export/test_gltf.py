@@ -184,6 +184,18 @@ def test_another_reader_finds_two_meshes_of_this_size(tmp_path):
     assert len(scene.geometry) == 2
 
 
+def test_a_surface_that_is_all_garment_has_no_body(tmp_path):
+    a = avatar()
+    everywhere = np.arange(len(a.surface.vertices))
+    x = a.surface.vertices + np.random.default_rng(3).normal(scale=0.05, size=(len(a.transforms), len(everywhere), 3))
+    result, gltf = written(tmp_path, a, garments=[Garment("skirt", everywhere, x)])
+    assert [node.name for node in gltf.nodes if node.mesh is not None] == ["skirt"] and not gltf.skins
+    (mesh,) = trimesh.load(result.path).geometry.values()
+    assert len(mesh.faces) == len(a.surface.faces)
+    vertex, _ = corner_vertices(gltf, "skirt", a.surface)
+    assert np.abs(garment_as_seen(gltf, "skirt", 3) - x[3][vertex]).max() < 1e-6
+
+
 def test_what_does_not_fit_is_refused_all_at_once(tmp_path):
     a = avatar()
     short = Garment("skirt", a.garment.index, a.garment.x[1:])

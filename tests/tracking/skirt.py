@@ -1,8 +1,8 @@
 """A skirt that swings, and calibrated images of it: position-based dynamics for the motion, the project's rasteriser for the pictures.
 
-A cone welded at the seam with nine folds, its waist ring moved and turned, two capsule legs swinging inside (Müller et al. 2007; after
-the set described in the tracker's README). Images are supersampled, textured with noise of several scales and lit by a sky, so that shading
-changes with the folds. Nothing here is shared with the tracker but the camera model and the rasteriser.
+A cone welded at the seam with nine folds, its waist ring moved and turned, two capsule legs swinging inside (Müller et al. 2007).
+Images are supersampled, textured with noise of several scales and lit by a sky, so that shading changes with the folds. Nothing here is
+shared with the tracker but the camera model and the rasteriser.
 """
 
 from dataclasses import dataclass

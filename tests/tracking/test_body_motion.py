@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from tasks.geometry.parts import skin_vertices
 from tasks.geometry.rotations import matrix_from_axis_angle
-from tasks.tracking.body_motion import carried_by_body, skin_vertices
+from tasks.tracking.body_motion import carried_by_body
 from tests.tracking.skirt import cone
 
 

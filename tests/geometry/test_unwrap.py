@@ -1,11 +1,11 @@
-"""The automatic atlas: a valid, even, repeatable map."""
+"""The automatic atlas: a valid, even, repeatable map, with the gutters that textures ask for."""
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from tasks.appearance.atlas import chart_of_texels, texel_surface, uv_faults
-from tasks.appearance.unwrap import unwrap
 from tasks.geometry.meshes import components, face_areas
+from tasks.geometry.unwrap import unwrap
 from tests.appearance.stage_figure import dressed, strip
 
 

@@ -1,6 +1,7 @@
 """A UV atlas for templates that come without one, by xatlas (Young 2018; charts grown as in Sander et al. 2001, LSCM parametrisation).
 
-Charts are packed at one texel density for the whole mesh, with room for the gutters of `atlas.py`. The result is deterministic.
+Charts are packed at one texel density for the whole mesh, with room for the gutters that a texture of this size wants around them
+(`appearance/atlas.py`). The result is deterministic.
 Limits: charts follow geometry, not garment panels; seams are many (10 charts for a tube and a cone, dozens for a body).
 """
 
