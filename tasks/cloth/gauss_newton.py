@@ -95,7 +95,10 @@ def _solved(A: Array, g: Array) -> Array:
 
 @dataclass(frozen=True)
 class Fit:
-    """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried."""
+    """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried.
+
+    noise_share: of the stated noise, what the recording showed it to be (`windowed_fit.py`).
+    """
 
     fabric: Fabric
     normal: Normal
@@ -103,6 +106,7 @@ class Fit:
     history: tuple[dict[str, float], ...]
     ending: str
     reasons: tuple[str, ...] = ()
+    noise_share: float = 1.0
 
     @property
     def covariance(self) -> Array:

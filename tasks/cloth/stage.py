@@ -6,6 +6,7 @@ from itertools import count
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationInfo, field_validator
 
 from storage_schemas.capture import Capture
@@ -106,12 +107,12 @@ def _effects(names: tuple[str, ...], folder: Folder) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Work:
-    """One garment to fit; `otherwise` is its scene with the boundary driven the other way, `weighed`: its density is known."""
+    """One garment to fit; `otherwise` [T, B, 3] m is its boundary driven the other way, `weighed`: its density is known."""
 
     name: str
     scene: Scene
     fabric: Fabric
-    otherwise: Scene | None = None
+    otherwise: NDArray[np.float64] | None = None
     weighed: bool = False
 
 

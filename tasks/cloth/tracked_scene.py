@@ -43,13 +43,13 @@ POKE_M = 1e-3  # deeper than this, or than three standard deviations of the nois
 
 @dataclass(frozen=True)
 class TrackedScene:
-    """The scene, the fabric to start from, whether its density was weighed, the same scene otherwise driven (None: there is no other), and
+    """The scene, the fabric to start from, whether its density was weighed, its boundary driven the other way [T, B, 3] m (None: there is no other), and
     sentences on what was chosen."""
 
     scene: Scene
     fabric: Fabric
     weighed: bool
-    otherwise: Scene | None
+    otherwise: Array | None
     chosen: tuple[str, ...]
 
 
@@ -101,7 +101,7 @@ def tracked_scene(
         patience=patience,
         noise_cov=noise_cov,
     )
-    others = [replace(scene, boundary_motion=motion) for kind, motion in driven.items() if kind != driver]
+    others = [path for kind, path in driven.items() if kind != driver]
     told = (f"frames {first} to {first + len(x) - 1} of {len(track.vertices)}", *chosen, *_driven_said(driven, driver), *drawn)
     told += tuple(f"doubtful: {d}" for d in doubts(cloth, fabric, collider, x[0], motion, driven[driver], np.array(settings.gravity)))
     return TrackedScene(scene, fabric, track.mass_kg is not None, others[0] if others else None, told)

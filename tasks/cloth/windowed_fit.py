@@ -70,6 +70,7 @@ def fit_windows(
 ) -> Fit:
     """Fit `PARAMETERS` from `fabric`, and the strengths of `effects` with them (then a CompletedFit); `run` maps over windows."""
     jobs, ending = _jobs(scene, fabric, SHORT_S)
+    stated = _noise(scene)
     if not jobs:
         whole = replay(scene, fabric)
         return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
@@ -84,12 +85,12 @@ def fit_windows(
         found = replace(found, history=(*history, *found.history))
     found, jobs = _settled(scene, found, jobs, iterations, run, tell)
     if effects:
-        return _completed(scene, found, jobs, effects, iterations, run, tell)
+        return replace(_completed(scene, found, jobs, effects, iterations, run, tell), noise_share=_noise(scene) / stated)
     fabric, normal = _less_numerics(found, jobs, run)
     whole = replay(scene, fabric, memory=memory)
     reasons = (*_lost(found, jobs), *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
-    return Fit(fabric, normal, whole, history, found.ending, reasons)
+    return Fit(fabric, normal, whole, history, found.ending, reasons, _noise(scene) / stated)
 
 
 def _misfit(found: BaseFit) -> float:
@@ -174,7 +175,7 @@ def _completed(
         (*found.history, *joint.history[:-1], last),
         joint.ending,
         (*_lost(found, jobs), *whole.reasons),
-        joint.model,
+        model=joint.model,
     )
 
 

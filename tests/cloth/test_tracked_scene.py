@@ -33,8 +33,8 @@ def test_the_boundary_is_chosen_and_what_the_other_driver_changes_is_said():
     assert any("24 nodes chosen" in said for said in found.chosen)
     assert any("skinned ones lie" in said for said in found.chosen)
     other = tracked_scene(track(), name="t", driver="skinned")
-    np.testing.assert_array_equal(other.scene.boundary_motion, found.otherwise.boundary_motion)
-    np.testing.assert_array_equal(other.otherwise.boundary_motion, found.scene.boundary_motion)
+    np.testing.assert_array_equal(other.scene.boundary_motion, found.otherwise)
+    np.testing.assert_array_equal(other.otherwise, found.scene.boundary_motion)
 
 
 def test_carried_points_move_rigidly_with_the_body():

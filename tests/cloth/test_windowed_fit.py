@@ -63,6 +63,7 @@ def test_noise_that_is_overstated_hides_nothing():
     assert np.log(found.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.1)
     assert np.log(found.fabric.membrane / TRUTH.membrane) == pytest.approx(0, abs=0.3)
     assert found.history[-1]["rms_mm"] < 0.5
+    assert found.noise_share < 0.5  # what else is told of it is told with the noise that it was fitted with
 
 
 @pytest.mark.parametrize("stuck", ["at its states", "in one of its windows", "not predicted"])
