@@ -39,6 +39,7 @@ HUBER = 2.5
 BLOCK = 5  # frames
 SETTLED = 0.02  # of a logarithm
 RCOND = 1e-10  # directions that the data hardly touch stay where they are
+UNKNOWN = "what mesh and step do to the answer is not known, so neither is how far it may be off"
 PROPOSALS = 3  # per iteration on the whole, each shorter than the last
 NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in every cloth (`windows.py`)
 
@@ -47,7 +48,8 @@ NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in eve
 class Normal:
     """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation.
 
-    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`).
+    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`); NaN where it could not be
+    computed, and then no interval is.
     """
 
     g: Array

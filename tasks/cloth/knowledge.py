@@ -35,9 +35,9 @@ def knowledge(
 ) -> dict[str, Any]:
     """Everything above as JSON, of what `objective` found; `otherwise` [T, B, 3] m: the boundary driven the other way.
 
-    Only the gauge where the fit failed.
+    Only the gauge where the fit failed, or has no interval because what mesh and step do is not known.
     """
-    if not np.isfinite(fit.normal.A).all():
+    if not np.isfinite(fit.covariance).all():
         return {"gauge": {"sentence": GAUGE}}
     scene = replace(scene, noise_m=fit.noise_share * scene.noise_m)
     found = {

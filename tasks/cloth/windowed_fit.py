@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, logarithms, rms_mm
+from tasks.cloth.gauss_newton import PARAMETERS, UNKNOWN, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.numerics import FINER, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
@@ -86,9 +86,9 @@ def fit_windows(
     found, jobs = _settled(scene, found, jobs, iterations, run, tell)
     if effects:
         return replace(_completed(scene, found, jobs, effects, iterations, run, tell), noise_share=_noise(scene) / stated)
-    fabric, normal = _less_numerics(found, jobs, run)
+    fabric, normal, doubts = _less_numerics(found, jobs, run)
     whole = replay(scene, fabric, memory=memory)
-    reasons = (*_lost(found, jobs), *whole.reasons)
+    reasons = (*_lost(found, jobs), *doubts, *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
     return Fit(fabric, normal, whole, history, found.ending, reasons, _noise(scene) / stated)
 
@@ -161,9 +161,11 @@ def _completed(
 ) -> Fit:
     """The base's refit gone on with the effects, and the replay with all of them."""
     followed = _with_offsets(found, jobs, run)
+    reasons = (*_lost(found, jobs), *_unrefined(found, followed))
     if not followed:
-        ending = "no window can be followed, so no strength was fitted"
-        return Fit(found.model.subject.fabric, _nothing(), replay(scene, found.model.subject.fabric), found.history, ending)
+        ending = "no window can be followed on both meshes, so no strength was fitted"
+        whole = replay(scene, found.model.subject.fabric)
+        return Fit(found.model.subject.fabric, _nothing(), whole, found.history, ending, (*reasons, *whole.reasons))
     joint = refit_jointly(found, followed, effects, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
     whole = replay_completed(scene, joint.model)
     seen = replace(whole, x=joint.model.observed(whole.x))
@@ -174,7 +176,7 @@ def _completed(
         whole,
         (*found.history, *joint.history[:-1], last),
         joint.ending,
-        (*_lost(found, jobs), *whole.reasons),
+        (*reasons, *whole.reasons),
         model=joint.model,
     )
 
@@ -190,14 +192,22 @@ def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
     return [replace(job, offsets=d) for job, d in zip(done, run(_finer, done)) if len(d) == len(FINER)]
 
 
-def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
-    """The fabric with what a finer computation adds, and what the windows say there."""
+def _unrefined(found: BaseFit, with_offset: list[Job]) -> tuple[str, ...]:
+    followed = sum(e.prediction.complete for e in found.evidence)
+    missing = followed - len(with_offset)
+    return (f"{missing} of {followed} windows have no finer computation",) if missing else ()
+
+
+def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal, tuple[str, ...]]:
+    """The fabric with what a finer computation adds, what the windows say there, and what could not be had of it; without it nothing is known."""
     fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
+    reasons = _unrefined(found, with_offset)
     profile = bracketed(fabric, _following_finely(found, with_offset, run)) if with_offset else None
     if profile is None:
-        return fabric, _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
+        alone = _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
+        return fabric, replace(alone, common=np.nan), (*reasons, UNKNOWN)
     normal = profile.normal
-    return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal
+    return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal, reasons
 
 
 def _finer(job: Job) -> dict[str, Array]:
