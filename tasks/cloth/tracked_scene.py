@@ -5,7 +5,7 @@
 | boundary | those nodes are driven | borders that move least against the collider (`boundary.py`); without collider nothing is |
 | uv | the pattern is the rest shape, hinges unfolded | rest_vertices; else the first frame as worn |
 | mass_kg | the density is known: mass over rest area over t | density 320 kg/m³, only ratios mean anything |
-| noise_cov, noise_m | weights | 1 mm |
+| noise_cov, noise_m | weights (`stated_noise.py`) | 1 mm |
 
 Driven nodes follow the tracked surface, quieted where the file tells its noise (`driven_motion.py`), or ride on the nearest face of the collider
 ("skinned": linear blending by the nearest skin, for a surface that is already posed).
@@ -26,6 +26,7 @@ from tasks.cloth.garment import weighed
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
+from tasks.cloth.stated_noise import noise_of
 from tasks.geometry.faults import Fault, refuse
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tasks.simulator.doubts import doubts
@@ -34,7 +35,6 @@ from tasks.simulator.settings import BASE
 Array = NDArray[np.float64]
 Driver = Literal["tracked", "skinned"]
 
-NOISE_M = 1e-3  # where the file gives none
 START = Fabric(320.0, 4.0, 60.0)
 FEWEST_FRAMES = 3
 LEAST_SEEN = 0.3  # share of the positions of vertices that are not driven
@@ -79,10 +79,7 @@ def tracked_scene(
     cloth = _cloth(track, x[0], nodes)
     fabric = weighed(fabric, [cloth], track.mass_kg)
     measured = track.noise_m is not None or track.noise_cov is not None
-    noise = np.full(x.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m[cut], 1e-5)
-    noise_cov = None if track.noise_cov is None else track.noise_cov[cut]
-    if noise_cov is not None:
-        noise = np.sqrt(np.maximum(np.trace(noise_cov, axis1=2, axis2=3), 1e-10) / 3)
+    noise = noise_of(track)[cut]
     collider, motion, drawn = _collider(track, x, body, cloth, float(np.median(noise)))
     driven = {"tracked": quieted(x[:, nodes], float(np.median(noise)) if measured else 0.0, cloth.x_rest[nodes])}
     if body is not None and len(nodes):
@@ -99,7 +96,7 @@ def tracked_scene(
         fps=track.fps,
         settings=settings,
         patience=patience,
-        noise_cov=noise_cov,
+        noise_cov=None if track.noise_cov is None else track.noise_cov[cut],
     )
     others = [path for kind, path in driven.items() if kind != driver]
     told = (f"frames {first} to {first + len(x) - 1} of {len(track.vertices)}", *chosen, *_driven_said(driven, driver), *drawn)
