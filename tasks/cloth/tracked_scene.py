@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Driver = Literal["tracked", "skinned"]
 
 START = Fabric(320.0, 4.0, 60.0)
-FEWEST_FRAMES = 3
+FEWEST_FRAMES = 3  # the first one included: with two there is a velocity and nothing that it changes to
 LEAST_SEEN = 0.3  # share of the positions of vertices that are not driven
 POKE_M = 1e-3  # deeper than this, or than three standard deviations of the noise, the collider gives way
 
@@ -68,7 +68,7 @@ def tracked_scene(
 
     The file's `base` overrides the fabric to start from; `at_rest`: the garment is still in its first frame.
     """
-    refuse(_faults(track, name, driver))
+    refuse(_faults(track, name, driver, frames))
     first = int(np.flatnonzero(np.isfinite(track.vertices).all((1, 2)))[0])
     cut = slice(first, None if frames is None else first + frames + 1)
     x = track.vertices[cut]
@@ -104,7 +104,7 @@ def tracked_scene(
     return TrackedScene(scene, fabric, track.mass_kg is not None, others[0] if others else None, told)
 
 
-def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
+def _faults(track: TrackedGeometry, name: str, driver: Driver, frames: int | None) -> list[Fault]:
     faults = []
     known = np.isfinite(track.vertices).all(2)
     whole, never = np.flatnonzero(known.all(1)), np.flatnonzero(~known.any(0))
@@ -119,6 +119,9 @@ def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
     elif len(track.vertices) - whole[0] < FEWEST_FRAMES:
         left = len(track.vertices) - whole[0]
         faults.append(Fault(f"{name}: vertices", f"{left} frames from the first whole one on", f"Give at least {FEWEST_FRAMES}."))
+    elif frames is not None and frames + 1 < FEWEST_FRAMES:
+        what = f"{frames + 1} frames from the first whole one on, as many as are asked for"
+        faults.append(Fault(f"{name}: vertices", what, f"Ask for at least {FEWEST_FRAMES - 1} after the first."))
     if known.any() and share < LEAST_SEEN:
         what = f"only {share:.0%} of the positions of vertices that are not driven are seen"
         faults.append(Fault(f"{name}: vertices", what, f"Give frames that show at least {LEAST_SEEN:.0%}."))

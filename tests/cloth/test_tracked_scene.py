@@ -123,6 +123,16 @@ def test_too_few_frames_and_a_driven_vertex_out_of_sight():
         tracked_scene(replace(at, vertices=x), name="t")
 
 
+@pytest.mark.parametrize("frames", [0, 1])
+def test_too_few_frames_are_asked_for(frames):
+    """The file has enough."""
+    with pytest.raises(
+        BadInput, match=f"{frames + 1} frames from the first whole one on, as many as are asked for. Ask for at least 2 after"
+    ):
+        tracked_scene(track(), name="t", frames=frames)
+    assert len(tracked_scene(track(), name="t", frames=2).scene.observed) == 3
+
+
 def test_what_was_hardly_meant_is_said():
     assert not any(said.startswith("doubtful") for said in tracked_scene(track(), name="t").chosen)
     heavy = tracked_scene(track(base={"density": 0.2}), name="t").chosen
