@@ -56,10 +56,9 @@ def _finite(value: float) -> float | None:
 
 def gauge(scene: Scene, fabric: Fabric, objective: Objective = WHOLE, factors: Sequence[float] = FACTORS) -> dict[str, Any]:
     """Losses at c·(ρ, κ_s, κ_b), and the sentence."""
-    rows = []
-    for c in (1.0, *factors):
-        scaled = replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending)
-        rows.append({"factor": c, "loss": _finite(objective.loss(scene, scaled))})
+    along = (1.0, *factors)
+    scaled = [replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending) for c in along]
+    rows = [{"factor": c, "loss": _finite(found)} for c, found in zip(along, objective.losses(scene, scaled), strict=True)]
     return {"sentence": GAUGE, "profile": rows}
 
 
@@ -67,13 +66,16 @@ def profile(scene: Scene, fit: Fit, p: int, objective: Objective = WHOLE, offset
     """Loss at values of parameter p that lie `offsets` standard deviations from the optimum, the other parameter at its conditional optimum."""
     C = fit.covariance
     along = C[:, p] / C[p, p]  # the valley: 1 along p, what the other one does with it
-    at_optimum = objective.loss(scene, fit.fabric)
-    rows = []
-    for offset in sorted((*offsets, 0.0)):
-        fabric = moved(fit.fabric, offset * np.sqrt(C[p, p]) * along)
-        rise = 0.0 if offset == 0 else objective.loss(scene, fabric) / at_optimum - 1
-        rows.append({"value": (fabric.membrane, fabric.bending)[p] / fabric.density, "deviations": offset, "rise": _finite(rise)})
-    return rows
+    fabrics = {0.0: fit.fabric} | {offset: moved(fit.fabric, offset * np.sqrt(C[p, p]) * along) for offset in offsets if offset}
+    losses = dict(zip(fabrics, objective.losses(scene, list(fabrics.values())), strict=True))
+    return [
+        {
+            "value": (fabrics[offset].membrane, fabrics[offset].bending)[p] / fit.fabric.density,
+            "deviations": offset,
+            "rise": _finite(losses[offset] / losses[0.0] - 1),
+        }
+        for offset in sorted(fabrics)
+    ]
 
 
 def bootstrap(normal: Normal, *, draws: int = DRAWS, seed: int = 0) -> Array:

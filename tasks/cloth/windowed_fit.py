@@ -231,8 +231,11 @@ class Windowed:
         """The objective that a fit is the optimum of."""
         return cls(run, found.model if isinstance(found, CompletedFit) else None)
 
-    def loss(self, scene: Scene, fabric: Fabric) -> float:
-        """Mean of rᵀC⁻¹r; NaN where windows are lost."""
+    def losses(self, scene: Scene, fabrics: Sequence[Fabric]) -> list[float]:
+        """Means of rᵀC⁻¹r; NaN where windows are lost."""
+        return [self._loss(scene, fabric) for fabric in fabrics]
+
+    def _loss(self, scene: Scene, fabric: Fabric) -> float:
         evidence, prior = self._followed(scene, fabric)
         if not all(e.prediction.complete for e in evidence):
             return np.nan
