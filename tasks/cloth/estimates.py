@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.gauss_newton import BOUNDS, PARAMETERS, Fit, logarithms
+from tasks.cloth.gauss_newton import BOUNDS, PARAMETERS, UNKNOWN, Fit, logarithms
 from tasks.cloth.joint_refit import CompletedFit
 from tasks.cloth.scene import Scene
 from tasks.effects.effect import Effect, Strength
@@ -146,6 +146,8 @@ def _doubt(scene: Scene, fit: Fit, p: int) -> str:
     name = PARAMETERS[p]
     if not np.isfinite(fit.normal.A).all():
         return f"not estimated: {fit.ending}"
+    if np.isnan(fit.normal.common).any():
+        return f"not estimated: {UNKNOWN}"
     if bound := at_bound(fit.fabric, name):
         return bound
     if name == "log_bending" and (unresolved := insensitive(scene, fit.fabric)):

@@ -1,7 +1,9 @@
 """Garment parameters by Gauss–Newton on the tangents of one replay of the whole recording (`windowed_fit.py` cuts it into windows).
 
-    minimise over θ = (log κ_s, log κ_b)   Σ ρ(|x̂ − x(θ)|/σ),    ρ Huber's loss, over free, seen vertices
+    minimise over θ = (log κ_s, log κ_b)   Σ 3 ρ(s),    ρ(s) = s² where s ≤ δ,  2 δ s − δ² beyond,    s = |x̂ − x(θ)|/(√3 σ), over free, seen vertices
 
+δ = 2.5 max(1, median s) of the replay that a step begins at, and holds for what the step is compared with: a δ that fell with the median would let
+outliers get worse and call it descent.
 Without air, motion depends on κ_s/ρ and κ_b/ρ only (all of inertia, gravity, elasticity, barrier and friction scale with the density), so
 the density is held and the ratios are what is reported. Levenberg damping within a box, |Δθ_p| ≤ `LARGEST_STEP`; a proposal whose simulation
 fails or whose loss is higher shortens the step. The horizon grows: a third of a second is fitted first, in which derivatives hold and a step
@@ -10,7 +12,7 @@ and frames move together, so blocks of `BLOCK` frames, not vertices, are taken a
 the covariance is that of the jackknife over blocks (Tukey 1958; the CR3 estimate of Bell & McCaffrey 2002, which unlike the sandwich does not promise
 too much where blocks are few), and 90 % are Student's for as many blocks as there are.
 
-Source: Levenberg 1944; Stark & Parker 1995 (least squares in a box); Pires, Vautard & Talagrand 1996 (quasi-static assimilation: from a short stretch,
+Source: Huber 1964; Levenberg 1944; Stark & Parker 1995 (least squares in a box); Pires, Vautard & Talagrand 1996 (quasi-static assimilation: from a short stretch,
 whose loss has few minima, to a long one that has many). Limits: what the first third of a second does not tell may move by its noise there.
 """
 
@@ -39,6 +41,7 @@ HUBER = 2.5
 BLOCK = 5  # frames
 SETTLED = 0.02  # of a logarithm
 RCOND = 1e-10  # directions that the data hardly touch stay where they are
+UNKNOWN = "what mesh and step do to the answer is not known, so neither is how far it may be off"
 PROPOSALS = 3  # per iteration on the whole, each shorter than the last
 NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in every cloth (`windows.py`)
 
@@ -47,7 +50,8 @@ NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in eve
 class Normal:
     """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation.
 
-    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`).
+    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`); NaN where it could not be
+    computed, and then no interval is.
     """
 
     g: Array
@@ -95,7 +99,10 @@ def _solved(A: Array, g: Array) -> Array:
 
 @dataclass(frozen=True)
 class Fit:
-    """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried."""
+    """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried.
+
+    noise_share: of the stated noise, what the recording showed it to be (`windowed_fit.py`).
+    """
 
     fabric: Fabric
     normal: Normal
@@ -103,6 +110,7 @@ class Fit:
     history: tuple[dict[str, float], ...]
     ending: str
     reasons: tuple[str, ...] = ()
+    noise_share: float = 1.0
 
     @property
     def covariance(self) -> Array:
@@ -209,8 +217,8 @@ class Reached(FrameMemory):
 class Objective(Protocol):
     """What says how well a fabric explains a scene; NaN where the simulation fails."""
 
-    def loss(self, scene: Scene, fabric: Fabric) -> float:
-        """What is minimised."""
+    def losses(self, scene: Scene, fabrics: Sequence[Fabric]) -> list[float]:
+        """What is minimised, of several fabrics to be compared with the first."""
         ...
 
     def normal(self, scene: Scene, fabric: Fabric) -> Normal:
@@ -221,10 +229,11 @@ class Objective(Protocol):
 class WholeReplay:
     """One replay of everything: the objective of `fit`."""
 
-    def loss(self, scene: Scene, fabric: Fabric) -> float:
-        """Weighted mean square of the residual."""
-        now = replay(scene, fabric)
-        return loss(scene, now) if now.complete else np.nan
+    def losses(self, scene: Scene, fabrics: Sequence[Fabric]) -> list[float]:
+        """Huber's, δ that of the first one that can be simulated."""
+        replays = [replay(scene, fabric) for fabric in fabrics]
+        δ = next((turning(scene, at) for at in replays if at.complete), np.nan)
+        return [loss(scene, at, δ) if at.complete else np.nan for at in replays]
 
     def normal(self, scene: Scene, fabric: Fabric) -> Normal:
         """By blocks of frames."""
@@ -235,14 +244,14 @@ def _iterate(scene: Scene, state: Progress, now: Replay, proposals: int, memory:
     """One accepted Levenberg step, or the end."""
     normal = normal_equations(scene, now)
     g, A = normal.g.sum(0), normal.A.sum(0)
-    damping, reasons = state.damping, state.reasons
+    damping, reasons, δ = state.damping, state.reasons, turning(scene, now)
     for _ in range(proposals):
         held = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
         step = within(held, g, LARGEST_STEP)
         fabric = moved(state.fabric, step)
         tried = replay(scene, fabric, tangents=PARAMETERS, memory=memory)
         reasons = (*reasons, *tried.reasons)
-        if tried.complete and loss(scene, tried) < loss(scene, now):
+        if tried.complete and loss(scene, tried, δ) < loss(scene, now, δ):
             ending = "converged" if np.abs(step).max() < SETTLED else ""
             return Progress(fabric, max(damping / 10, 1e-4), (*state.history, _row(scene, tried, fabric)), ending, reasons), tried
         damping = max(damping * 20, 0.1)
@@ -267,25 +276,34 @@ def moved(fabric: Fabric, step: Array) -> Fabric:
     return replace(fabric, membrane=float(membrane), bending=float(bending))
 
 
-def _residual(scene: Scene, at: Replay) -> tuple[Array, Array]:
-    """Residuals over their scale [n, 3], and Huber weights [n]. The scale is what the simulation can be blamed for at best: noise and typical misfit."""
-    r = scene.whitened(scene.observed - at.x)
-    size = np.linalg.norm(r, axis=1) / np.sqrt(3)
-    δ = HUBER * max(1.0, float(np.median(size)))
-    return r, np.minimum(1.0, δ / np.maximum(size, 1e-12))
+def turning(scene: Scene, at: Replay) -> float:
+    """δ, in standard deviations: what the simulation can be blamed for at best, noise and typical misfit."""
+    return HUBER * max(1.0, float(np.median(_size(_residual(scene, at)))))
 
 
-def loss(scene: Scene, at: Replay) -> float:
-    """Weighted mean square of the residual in standard deviations."""
-    r, w = _residual(scene, at)
-    return float(np.sum(w * np.sum(r**2, 1)) / max(len(r), 1))
+def loss(scene: Scene, at: Replay, δ: float | None = None) -> float:
+    """Huber's, mean over vertices and frames, in squared standard deviations; δ is the replay's own where losses are not compared."""
+    s = _size(_residual(scene, at))
+    δ = turning(scene, at) if δ is None else δ
+    return float(np.sum(3 * np.where(s <= δ, s**2, 2 * δ * s - δ**2)) / max(len(s), 1))
+
+
+def _residual(scene: Scene, at: Replay) -> Array:
+    """In standard deviations [n, 3]."""
+    return scene.whitened(scene.observed - at.x)
+
+
+def _size(r: Array) -> Array:
+    """s [n], per coordinate."""
+    return np.linalg.norm(r, axis=1) / np.sqrt(3)
 
 
 def normal_equations(scene: Scene, at: Replay) -> Normal:
     """Linearised at a replay, by blocks of `BLOCK` frames; NaN for a replay that ended early."""
     if not at.complete:
         return Normal(np.full((1, len(PARAMETERS)), np.nan), np.full((1, len(PARAMETERS), len(PARAMETERS)), np.nan))
-    r, w = _residual(scene, at)
+    r = _residual(scene, at)
+    w = np.minimum(1.0, turning(scene, at) / np.maximum(_size(r), 1e-12))  # ρ′(s)/2s
     J = scene.whitened(np.stack([at.columns[n] for n in PARAMETERS], -1))  # [n, 3, P]
     g, A = np.einsum("n,ncp,nc->np", w, J, r), np.einsum("n,ncp,ncq->npq", w, J, J)
     block = (np.nonzero(scene.compared)[0] - 1) // BLOCK
@@ -304,6 +322,7 @@ def _row(scene: Scene, at: Replay, fabric: Fabric) -> dict[str, float]:
     return {
         "frames": len(scene.observed),
         "loss": loss(scene, at),
+        "huber_delta": turning(scene, at),
         "rms_mm": rms_mm(scene, at),
         "kappa_s": fabric.membrane,
         "kappa_b": fabric.bending,

@@ -20,7 +20,6 @@ from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Norm
 from tasks.cloth.numerics import WAYS, common_error, corrected
 from tasks.cloth.shooting import (
     DAMPING,
-    SCALE,
     STUCK,
     BaseFit,
     Evidence,
@@ -29,7 +28,9 @@ from tasks.cloth.shooting import (
     Prior,
     estimated_prior,
     follow,
+    gain,
     scaled,
+    unscaled_loss,
     with_fabric,
     without_state,
 )
@@ -120,11 +121,12 @@ def moved_jointly(model: Model, step: Array) -> Model:
 
 
 def _better(model: Model, now: Sequence[Evidence], jobs: Sequence[Job], prior: Prior, run: Map) -> tuple[Model, Sequence[Evidence]] | None:
-    """The model after the first step, each shorter than the last, that lowers the loss, and its windows; None where none does."""
+    """The model after the first step, each shorter than the last, that loses no window and lowers the loss, and its windows; None where none does."""
     for damping in DAMPING:
         tried = moved_jointly(model, _step(model, now, prior, damping))
         evidence = _followed(tried, jobs, run)
-        if _loss(tried, evidence, now, prior) < _loss(model, now, evidence, prior):
+        nearer = _ridge(model) - _ridge(tried)
+        if gain(now, evidence, lambda e: unscaled_loss(_told(model, e, prior))) + nearer > 0:
             return tried, evidence
     return None
 
@@ -173,22 +175,13 @@ def _with_numerics(model: Model, evidence: Evidence, prior: Prior) -> Normals:
     return Normals(names, n.G[np.ix_(i, i)] * np.outer(unit, unit), n.g[i] * unit, n.c, n.n)
 
 
-def _scale(n: Normals) -> float:
-    return max(n.c / n.n, SCALE)
-
-
 def _weighed(model: Model, evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
     return [scaled(_told(model, e, prior)) for e in evidence if e.prediction.complete]
 
 
-def _loss(model: Model, of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:
-    """What is minimised, over the windows that both sets could follow; infinite where the other set follows more."""
-    both = [e.prediction.complete and b.prediction.complete for e, b in zip(of, beside, strict=True)]
-    if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
-        return np.inf
-    found = [_told(model, e, prior) for e, ok in zip(of, both, strict=True) if ok]
-    θ = _vector(model)[len(PARAMETERS) :]
-    return sum(n.n * float(np.log(_scale(n))) for n in found) + float(np.sum((θ / RIDGE) ** 2))
+def _ridge(model: Model) -> float:
+    """Σ_strengths (θ/3)²."""
+    return float(np.sum((_vector(model)[len(PARAMETERS) :] / RIDGE) ** 2))
 
 
 def _row(model: Model, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:

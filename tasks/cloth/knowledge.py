@@ -4,7 +4,9 @@
 * profile: the loss at other values of one parameter, the other one following along the valley; Δ is in units of the loss at the optimum.
 * bootstrap: blocks of frames drawn anew, one Gauss–Newton step each from the optimum (Kline & Santos 2012: no simulation is run again).
 * a choice (half the time step, another driver of the boundary): one more Gauss–Newton step from the optimum on the altered scene, less the
-  step that is left on the scene itself. Numerical damping is absorbed by stiffness, so what the half step changes is no interval of any other kind.
+  one on the scene itself, of the same objective at the same fabric: nothing changed changes nothing. What the fit's own normal equations say is no substitute:
+  they may be of other windows, and their step may have been taken. Start and noise are those of the fit. Numerical damping is absorbed by stiffness, so what
+  the half step changes is no interval of any other kind.
 """
 
 from collections.abc import Sequence
@@ -29,21 +31,20 @@ OFFSETS = (-2.0, -1.0, 1.0, 2.0)  # standard deviations
 
 
 def knowledge(
-    scene: Scene, fit: Fit, *, objective: Objective = WHOLE, otherwise: Scene | None = None, profiles: bool = False
+    scene: Scene, fit: Fit, *, objective: Objective = WHOLE, otherwise: Array | None = None, profiles: bool = False
 ) -> dict[str, Any]:
-    """Everything above as JSON, of what `objective` found; `otherwise` is the scene with its boundary driven the other way.
+    """Everything above as JSON, of what `objective` found; `otherwise` [T, B, 3] m: the boundary driven the other way.
 
-    Only the gauge where the fit failed.
+    Only the gauge where the fit failed, or has no interval because what mesh and step do is not known.
     """
-    if not np.isfinite(fit.normal.A).all():
+    if not np.isfinite(fit.covariance).all():
         return {"gauge": {"sentence": GAUGE}}
+    scene = replace(scene, noise_m=fit.noise_share * scene.noise_m)
     found = {
         "gauge": gauge(scene, fit.fabric, objective) if profiles else {"sentence": GAUGE},
         "bootstrap": intervals(fit.fabric, bootstrap(fit.normal)),
-        "half_step": half_step(scene, fit, objective),
+        **choices(scene, fit, objective, otherwise),
     }
-    if otherwise is not None:
-        found["other_boundary"] = altered(otherwise, fit, objective, "with the boundary driven the other way")
     if profiles:
         found["profile"] = {NAMES[name]: profile(scene, fit, p, objective) for p, name in enumerate(PARAMETERS)}
     return found
@@ -55,10 +56,9 @@ def _finite(value: float) -> float | None:
 
 def gauge(scene: Scene, fabric: Fabric, objective: Objective = WHOLE, factors: Sequence[float] = FACTORS) -> dict[str, Any]:
     """Losses at c·(ρ, κ_s, κ_b), and the sentence."""
-    rows = []
-    for c in (1.0, *factors):
-        scaled = replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending)
-        rows.append({"factor": c, "loss": _finite(objective.loss(scene, scaled))})
+    along = (1.0, *factors)
+    scaled = [replace(fabric, density=c * fabric.density, membrane=c * fabric.membrane, bending=c * fabric.bending) for c in along]
+    rows = [{"factor": c, "loss": _finite(found)} for c, found in zip(along, objective.losses(scene, scaled), strict=True)]
     return {"sentence": GAUGE, "profile": rows}
 
 
@@ -66,13 +66,16 @@ def profile(scene: Scene, fit: Fit, p: int, objective: Objective = WHOLE, offset
     """Loss at values of parameter p that lie `offsets` standard deviations from the optimum, the other parameter at its conditional optimum."""
     C = fit.covariance
     along = C[:, p] / C[p, p]  # the valley: 1 along p, what the other one does with it
-    at_optimum = objective.loss(scene, fit.fabric)
-    rows = []
-    for offset in sorted((*offsets, 0.0)):
-        fabric = moved(fit.fabric, offset * np.sqrt(C[p, p]) * along)
-        rise = 0.0 if offset == 0 else objective.loss(scene, fabric) / at_optimum - 1
-        rows.append({"value": (fabric.membrane, fabric.bending)[p] / fabric.density, "deviations": offset, "rise": _finite(rise)})
-    return rows
+    fabrics = {0.0: fit.fabric} | {offset: moved(fit.fabric, offset * np.sqrt(C[p, p]) * along) for offset in offsets if offset}
+    losses = dict(zip(fabrics, objective.losses(scene, list(fabrics.values())), strict=True))
+    return [
+        {
+            "value": (fabrics[offset].membrane, fabrics[offset].bending)[p] / fit.fabric.density,
+            "deviations": offset,
+            "rise": _finite(losses[offset] / losses[0.0] - 1),
+        }
+        for offset in sorted(fabrics)
+    ]
 
 
 def bootstrap(normal: Normal, *, draws: int = DRAWS, seed: int = 0) -> Array:
@@ -93,17 +96,20 @@ def intervals(fabric: Fabric, steps: Array) -> dict[str, Any]:
     return found
 
 
-def half_step(scene: Scene, fit: Fit, objective: Objective = WHOLE) -> dict[str, Any]:
-    """What half the time step would change."""
-    fine = replace(scene, settings=replace(scene.settings, substeps=2 * scene.settings.substeps))
-    return altered(fine, fit, objective, "at half the time step")
+def choices(scene: Scene, fit: Fit, objective: Objective = WHOLE, otherwise: Array | None = None) -> dict[str, dict[str, Any]]:
+    """What half the time step would change, and the boundary driven `otherwise` [T, B, 3] m where there is another way."""
+    fine = replace(scene.settings, substeps=2 * scene.settings.substeps)
+    altered = {"half_step": ("at half the time step", replace(scene, settings=fine))}
+    if otherwise is not None:
+        altered["other_boundary"] = ("with the boundary driven the other way", replace(scene, boundary_motion=otherwise))
+    left = objective.normal(scene, fit.fabric).step
+    return {key: _change(objective.normal(other, fit.fabric).step - left, how) for key, (how, other) in altered.items()}
 
 
-def altered(scene: Scene, fit: Fit, objective: Objective, how: str) -> dict[str, Any]:
-    """Factors by which the ratios would change on an altered scene, and the sentence; None where a linear step cannot say."""
-    change = objective.normal(scene, fit.fabric).step - fit.normal.step
-    if not np.isfinite(change).all():
+def _change(step: Array, how: str) -> dict[str, Any]:
+    """Factors by which the ratios would change, and the sentence; None where a linear step cannot say."""
+    if not np.isfinite(step).all():
         return {"sentence": f"{how} the simulation fails"}
-    factors = {NAMES[name]: float(np.exp(c)) if abs(c) < LEAST_KNOWN else None for name, c in zip(PARAMETERS, change)}
+    factors = {NAMES[name]: float(np.exp(c)) if abs(c) < LEAST_KNOWN else None for name, c in zip(PARAMETERS, step)}
     said = [f"{name} would " + (f"change by {100 * (f - 1):+.0f} %" if f else "not be the same at all") for name, f in factors.items()]
     return {"factors": factors, "sentence": f"{how} {', '.join(said)}"}

@@ -5,7 +5,7 @@
 The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
 Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only.
 P = diag(σ_x², σ_v²) and the correlation in R are those of highest marginal likelihood, Σ_w r_wᵀC_w⁻¹r_w + log|C_w|. Levenberg damping; a step is
-kept when it lowers the loss over the windows that were followed before and after. Where the slope that a step met fell by less than JᵀJ promised, the
+kept when it loses no window and lowers the loss over those that were followed before it. Where the slope that a step met fell by less than JᵀJ promised, the
 next one is longer by that ratio (the secant equation of Dennis & Moré 1977 along the step).
 
 Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are weighed (`Job.forced`).
@@ -13,6 +13,7 @@ Nameless forcing has no part in the refit: it would take for itself what stiffne
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -296,8 +297,9 @@ def refit(
             break
         tried_model = with_fabric(model, fabric)
         tried = list(run(follow, [replace(job, model=tried_model) for job in jobs]))
-        if _loss(tried, now, prior) < _loss(now, tried, prior):
-            stretch = stretch_of(A, g, summed(weighed(tried, prior), PARAMETERS)[1], step)
+        if gain(now, tried, partial(_loss, prior=prior)) > 0:
+            met = [then for before, then in zip(now, tried, strict=True) if before.prediction.complete]
+            stretch = stretch_of(A, g, summed(weighed(met, prior), PARAMETERS)[1], step)
             model, now, damping = tried_model, tried, DAMPING[0]
             jobs = [replace(job, model=model) for job in jobs]
             prior = estimated_prior(now, noise, prior)
@@ -310,6 +312,17 @@ def refit(
             damping = DAMPING[DAMPING.index(damping) + 1]
     A, _ = summed(weighed(now, prior), PARAMETERS)
     return BaseFit(model, np.linalg.pinv(A), prior, tuple(now), tuple(history), ending)
+
+
+def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evidence], float]) -> float:
+    """By how much a step lowers Σ loss over the windows that were followed before it; −∞ where it loses one of them.
+
+    Windows that it regains have no loss to be compared with: they count from the next step on.
+    """
+    both = [(before, then) for before, then in zip(now, tried, strict=True) if before.prediction.complete]
+    if not both or not all(then.prediction.complete for _, then in both):
+        return -np.inf
+    return sum(loss(before) - loss(then) for before, then in both)
 
 
 def stretch_of(A: Array, g: Array, after: Array, step: Array) -> float:
@@ -367,13 +380,8 @@ def with_fabric(model: Model, fabric: Fabric) -> Model:
     return replace(model, subject=replace(model.subject, fabric=fabric))
 
 
-def _loss(of: Sequence[Evidence], beside: Sequence[Evidence], prior: Prior) -> float:
-    """Σ n log s over the windows that both sets could follow; windows lost count as failure."""
-    both = [e.prediction.complete and b.prediction.complete for e, b in zip(of, beside, strict=True)]
-    if not any(both) or sum(e.prediction.complete for e in of) < sum(b.prediction.complete for b in beside):
-        return np.inf
-    found = [without_nuisances(e.normals, prior) for e, ok in zip(of, both, strict=True) if ok]
-    return sum(map(unscaled_loss, found))
+def _loss(of: Evidence, prior: Prior) -> float:
+    return unscaled_loss(without_nuisances(of.normals, prior))
 
 
 def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator
+from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, field_validator
 
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth as ClothRecord
@@ -24,7 +25,7 @@ from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.scene import Scene, replay
 from tasks.cloth.shooting import Map
-from tasks.cloth.tracked_scene import tracked_scene
+from tasks.cloth.tracked_scene import FEWEST_FRAMES, tracked_scene
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.cloth.worn_scene import worn_scene
 from tasks.effects.effect import Effect
@@ -38,29 +39,33 @@ from tasks.stage import Folder, Job, Parameters, stage
 GAUSS_NEWTON_ITERATIONS = 4
 AT_ONCE = 2  # computations side by side on one machine
 
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
 
 class FitParameters(Parameters):
     """How a fabric is fitted: on windows, on one replay of the whole, or by Algorithm 1. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4
     by tangents, 100 by differences.
 
     effects: names of effects that the model has beside the base, of the library or of effects_folder; their strengths are fitted too.
+    frames: how many after the first are compared.
     attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
     """
 
     method: Literal["gauss-newton", "whole-replay", "adam-fd"] = "gauss-newton"
     as_released: bool = False
-    density: float = 320.0
-    membrane: float = 4.0
-    bending: float = 60.0
-    friction: float = 0.2
+    density: Positive = 320.0
+    membrane: Positive = 4.0
+    bending: Positive = 60.0
+    friction: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.2
     boundary: Literal["tracked", "skinned"] = "tracked"
-    iterations: int | None = None
-    substeps: int = 4
-    frames: int = 24
+    iterations: Count | None = None
+    substeps: Count = 4
+    frames: Annotated[int, Field(ge=FEWEST_FRAMES - 1)] = 24
     profiles: bool = False
-    attempts: int = 3
-    frame_s: float = 600.0
-    limit_s: float = 3600.0
+    attempts: Count = 3
+    frame_s: Annotated[float, Field(gt=0)] = 600.0
+    limit_s: Annotated[float, Field(gt=0)] = 3600.0
     effects_folder: Folder = None
     effects: tuple[str, ...] = ()
 
@@ -106,12 +111,12 @@ def _effects(names: tuple[str, ...], folder: Folder) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Work:
-    """One garment to fit; `otherwise` is its scene with the boundary driven the other way, `weighed`: its density is known."""
+    """One garment to fit; `otherwise` [T, B, 3] m is its boundary driven the other way, `weighed`: its density is known."""
 
     name: str
     scene: Scene
     fabric: Fabric
-    otherwise: Scene | None = None
+    otherwise: NDArray[np.float64] | None = None
     weighed: bool = False
 
 

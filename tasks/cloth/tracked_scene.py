@@ -5,7 +5,7 @@
 | boundary | those nodes are driven | borders that move least against the collider (`boundary.py`); without collider nothing is |
 | uv | the pattern is the rest shape, hinges unfolded | rest_vertices; else the first frame as worn |
 | mass_kg | the density is known: mass over rest area over t | density 320 kg/m³, only ratios mean anything |
-| noise_cov, noise_m | weights | 1 mm |
+| noise_cov, noise_m | weights (`stated_noise.py`) | 1 mm |
 
 Driven nodes follow the tracked surface, quieted where the file tells its noise (`driven_motion.py`), or ride on the nearest face of the collider
 ("skinned": linear blending by the nearest skin, for a surface that is already posed).
@@ -26,6 +26,7 @@ from tasks.cloth.garment import weighed
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
+from tasks.cloth.stated_noise import noise_of
 from tasks.geometry.faults import Fault, refuse
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tasks.simulator.doubts import doubts
@@ -34,22 +35,21 @@ from tasks.simulator.settings import BASE
 Array = NDArray[np.float64]
 Driver = Literal["tracked", "skinned"]
 
-NOISE_M = 1e-3  # where the file gives none
 START = Fabric(320.0, 4.0, 60.0)
-FEWEST_FRAMES = 3
+FEWEST_FRAMES = 3  # the first one included: with two there is a velocity and nothing that it changes to
 LEAST_SEEN = 0.3  # share of the positions of vertices that are not driven
 POKE_M = 1e-3  # deeper than this, or than three standard deviations of the noise, the collider gives way
 
 
 @dataclass(frozen=True)
 class TrackedScene:
-    """The scene, the fabric to start from, whether its density was weighed, the same scene otherwise driven (None: there is no other), and
+    """The scene, the fabric to start from, whether its density was weighed, its boundary driven the other way [T, B, 3] m (None: there is no other), and
     sentences on what was chosen."""
 
     scene: Scene
     fabric: Fabric
     weighed: bool
-    otherwise: Scene | None
+    otherwise: Array | None
     chosen: tuple[str, ...]
 
 
@@ -68,7 +68,7 @@ def tracked_scene(
 
     The file's `base` overrides the fabric to start from; `at_rest`: the garment is still in its first frame.
     """
-    refuse(_faults(track, name, driver))
+    refuse(_faults(track, name, driver, frames))
     first = int(np.flatnonzero(np.isfinite(track.vertices).all((1, 2)))[0])
     cut = slice(first, None if frames is None else first + frames + 1)
     x = track.vertices[cut]
@@ -79,10 +79,7 @@ def tracked_scene(
     cloth = _cloth(track, x[0], nodes)
     fabric = weighed(fabric, [cloth], track.mass_kg)
     measured = track.noise_m is not None or track.noise_cov is not None
-    noise = np.full(x.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m[cut], 1e-5)
-    noise_cov = None if track.noise_cov is None else track.noise_cov[cut]
-    if noise_cov is not None:
-        noise = np.sqrt(np.maximum(np.trace(noise_cov, axis1=2, axis2=3), 1e-10) / 3)
+    noise = noise_of(track)[cut]
     collider, motion, drawn = _collider(track, x, body, cloth, float(np.median(noise)))
     driven = {"tracked": quieted(x[:, nodes], float(np.median(noise)) if measured else 0.0, cloth.x_rest[nodes])}
     if body is not None and len(nodes):
@@ -99,15 +96,15 @@ def tracked_scene(
         fps=track.fps,
         settings=settings,
         patience=patience,
-        noise_cov=noise_cov,
+        noise_cov=None if track.noise_cov is None else track.noise_cov[cut],
     )
-    others = [replace(scene, boundary_motion=motion) for kind, motion in driven.items() if kind != driver]
+    others = [path for kind, path in driven.items() if kind != driver]
     told = (f"frames {first} to {first + len(x) - 1} of {len(track.vertices)}", *chosen, *_driven_said(driven, driver), *drawn)
     told += tuple(f"doubtful: {d}" for d in doubts(cloth, fabric, collider, x[0], motion, driven[driver], np.array(settings.gravity)))
     return TrackedScene(scene, fabric, track.mass_kg is not None, others[0] if others else None, told)
 
 
-def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
+def _faults(track: TrackedGeometry, name: str, driver: Driver, frames: int | None) -> list[Fault]:
     faults = []
     known = np.isfinite(track.vertices).all(2)
     whole, never = np.flatnonzero(known.all(1)), np.flatnonzero(~known.any(0))
@@ -122,6 +119,9 @@ def _faults(track: TrackedGeometry, name: str, driver: Driver) -> list[Fault]:
     elif len(track.vertices) - whole[0] < FEWEST_FRAMES:
         left = len(track.vertices) - whole[0]
         faults.append(Fault(f"{name}: vertices", f"{left} frames from the first whole one on", f"Give at least {FEWEST_FRAMES}."))
+    elif frames is not None and frames + 1 < FEWEST_FRAMES:
+        what = f"{frames + 1} frames from the first whole one on, as many as are asked for"
+        faults.append(Fault(f"{name}: vertices", what, f"Ask for at least {FEWEST_FRAMES - 1} after the first."))
     if known.any() and share < LEAST_SEEN:
         what = f"only {share:.0%} of the positions of vertices that are not driven are seen"
         faults.append(Fault(f"{name}: vertices", what, f"Give frames that show at least {LEAST_SEEN:.0%}."))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, logarithms, rms_mm
+from tasks.cloth.gauss_newton import PARAMETERS, UNKNOWN, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.numerics import FINER, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
@@ -70,6 +70,7 @@ def fit_windows(
 ) -> Fit:
     """Fit `PARAMETERS` from `fabric`, and the strengths of `effects` with them (then a CompletedFit); `run` maps over windows."""
     jobs, ending = _jobs(scene, fabric, SHORT_S)
+    stated = _noise(scene)
     if not jobs:
         whole = replay(scene, fabric)
         return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
@@ -84,12 +85,12 @@ def fit_windows(
         found = replace(found, history=(*history, *found.history))
     found, jobs = _settled(scene, found, jobs, iterations, run, tell)
     if effects:
-        return _completed(scene, found, jobs, effects, iterations, run, tell)
-    fabric, normal = _less_numerics(found, jobs, run)
+        return replace(_completed(scene, found, jobs, effects, iterations, run, tell), noise_share=_noise(scene) / stated)
+    fabric, normal, doubts = _less_numerics(found, jobs, run)
     whole = replay(scene, fabric, memory=memory)
-    reasons = (*_lost(found, jobs), *whole.reasons)
+    reasons = (*_lost(found, jobs), *doubts, *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
-    return Fit(fabric, normal, whole, history, found.ending, reasons)
+    return Fit(fabric, normal, whole, history, found.ending, reasons, _noise(scene) / stated)
 
 
 def _misfit(found: BaseFit) -> float:
@@ -160,9 +161,11 @@ def _completed(
 ) -> Fit:
     """The base's refit gone on with the effects, and the replay with all of them."""
     followed = _with_offsets(found, jobs, run)
+    reasons = (*_lost(found, jobs), *_unrefined(found, followed))
     if not followed:
-        ending = "no window can be followed, so no strength was fitted"
-        return Fit(found.model.subject.fabric, _nothing(), replay(scene, found.model.subject.fabric), found.history, ending)
+        ending = "no window can be followed on both meshes, so no strength was fitted"
+        whole = replay(scene, found.model.subject.fabric)
+        return Fit(found.model.subject.fabric, _nothing(), whole, found.history, ending, (*reasons, *whole.reasons))
     joint = refit_jointly(found, followed, effects, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
     whole = replay_completed(scene, joint.model)
     seen = replace(whole, x=joint.model.observed(whole.x))
@@ -173,8 +176,8 @@ def _completed(
         whole,
         (*found.history, *joint.history[:-1], last),
         joint.ending,
-        (*_lost(found, jobs), *whole.reasons),
-        joint.model,
+        (*reasons, *whole.reasons),
+        model=joint.model,
     )
 
 
@@ -189,14 +192,22 @@ def _with_offsets(found: BaseFit, jobs: list[Job], run: Map) -> list[Job]:
     return [replace(job, offsets=d) for job, d in zip(done, run(_finer, done)) if len(d) == len(FINER)]
 
 
-def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal]:
-    """The fabric with what a finer computation adds, and what the windows say there."""
+def _unrefined(found: BaseFit, with_offset: list[Job]) -> tuple[str, ...]:
+    followed = sum(e.prediction.complete for e in found.evidence)
+    missing = followed - len(with_offset)
+    return (f"{missing} of {followed} windows have no finer computation",) if missing else ()
+
+
+def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, Normal, tuple[str, ...]]:
+    """The fabric with what a finer computation adds, what the windows say there, and what could not be had of it; without it nothing is known."""
     fabric, with_offset = found.model.subject.fabric, _with_offsets(found, jobs, run)
+    reasons = _unrefined(found, with_offset)
     profile = bracketed(fabric, _following_finely(found, with_offset, run)) if with_offset else None
     if profile is None:
-        return fabric, _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
+        alone = _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
+        return fabric, replace(alone, common=np.nan), (*reasons, UNKNOWN)
     normal = profile.normal
-    return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal
+    return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal, reasons
 
 
 def _finer(job: Job) -> dict[str, Array]:
@@ -220,8 +231,11 @@ class Windowed:
         """The objective that a fit is the optimum of."""
         return cls(run, found.model if isinstance(found, CompletedFit) else None)
 
-    def loss(self, scene: Scene, fabric: Fabric) -> float:
-        """Mean of rᵀC⁻¹r; NaN where windows are lost."""
+    def losses(self, scene: Scene, fabrics: Sequence[Fabric]) -> list[float]:
+        """Means of rᵀC⁻¹r; NaN where windows are lost."""
+        return [self._loss(scene, fabric) for fabric in fabrics]
+
+    def _loss(self, scene: Scene, fabric: Fabric) -> float:
         evidence, prior = self._followed(scene, fabric)
         if not all(e.prediction.complete for e in evidence):
             return np.nan

@@ -16,7 +16,8 @@ from tasks.capture.tracked_geometry import TrackedGeometry
 from tasks.cloth.contact_sagitta import contact_sagitta, drawn_in
 from tasks.cloth.driven_motion import quieted
 from tasks.cloth.start_state import filled
-from tasks.cloth.tracked_scene import NOISE_M, TrackedScene, tracked_scene
+from tasks.cloth.stated_noise import noise_of
+from tasks.cloth.tracked_scene import TrackedScene, tracked_scene
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
@@ -71,7 +72,7 @@ def recording(track: TrackedGeometry, name: str, of: Garment, *, blind: bool = F
 
 def _driven(track: TrackedGeometry, cloth: Cloth) -> Array:
     """The motion [T, B, 3] m of the driven nodes, the same way for recordings that teach, that are held out and that are blind."""
-    return quieted(track.vertices[:, cloth.boundary], float(np.median(_noise(track))), cloth.x_rest[cloth.boundary])
+    return quieted(track.vertices[:, cloth.boundary], float(np.median(noise_of(track))), cloth.x_rest[cloth.boundary])
 
 
 def _scenes(tracks: Sequence[TrackedGeometry], names: Sequence[str]) -> tuple[list[TrackedGeometry], list[TrackedScene]]:
@@ -96,19 +97,13 @@ def _recording(track: TrackedGeometry, boundary: Array) -> Recording:
     if track.collider_vertices is not None:
         collider, motion = Collider(track.collider_faces), track.collider_vertices
     observed = np.where(track.observed[..., None], track.vertices, np.nan)
-    return Recording(collider, Motion(motion, boundary), observed, _noise(track))
+    return Recording(collider, Motion(motion, boundary), observed, noise_of(track))
 
 
 def _whole(track: TrackedGeometry) -> TrackedGeometry:
     """The track without gaps: a start and a boundary need every vertex."""
     known = np.where(track.observed[..., None], track.vertices, np.nan)
     return replace(track, vertices=filled(known, track.faces)[0])
-
-
-def _noise(track: TrackedGeometry) -> Array:
-    if track.noise_cov is not None:
-        return np.sqrt(np.maximum(np.trace(track.noise_cov, axis1=2, axis2=3), 1e-10) / 3)
-    return np.full(track.vertices.shape[:2], NOISE_M) if track.noise_m is None else np.maximum(track.noise_m, 1e-5)
 
 
 def _zones(track: TrackedGeometry, scene) -> NDArray[np.str_]:

@@ -7,8 +7,8 @@ import pytest
 
 from tasks.cloth import gauss_newton, perseverance
 from tasks.cloth.estimates import bending_length, estimates
-from tasks.cloth.gauss_newton import Normal, Progress, fit, horizons, within
-from tasks.cloth.scene import Scene, replay
+from tasks.cloth.gauss_newton import Normal, Progress, WholeReplay, fit, horizons, loss, normal_equations, turning, within
+from tasks.cloth.scene import FORGETFUL, Replay, Scene, replay
 from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings, simulate
 from tests.geometry.test_meshes import grid
 
@@ -147,3 +147,51 @@ def test_the_whole_goes_on_where_the_first_third_of_a_second_ended(monkeypatch):
 
 def test_a_recording_of_few_frames_has_one_horizon():
     assert horizons(18, 25.0) == (18,)
+
+
+def seen_from(scene, size, seed=0):
+    """A replay that misses every compared coordinate by `size` [n] standard deviations, with made-up columns."""
+    x, rng = np.where(np.isfinite(scene.observed), scene.observed, 0.0), np.random.default_rng(seed)
+    x[scene.compared] -= (size * scene.noise_m[scene.compared])[:, None]
+    return Replay(x, {name: 1e-3 * rng.standard_normal(x.shape) for name in gauss_newton.PARAMETERS}, 0, "converged")
+
+
+@pytest.fixture(scope="module")
+def still():
+    """100 vertices that are compared in one frame."""
+    scene = panel(11, frames=2)
+    scene = replace(scene, observed=np.broadcast_to(scene.x0, scene.observed.shape).copy())
+    scene.observed[1, np.flatnonzero(scene.compared[1])[100:]] = np.nan
+    return scene
+
+
+def test_the_loss_is_hubers_and_outliers_that_get_worse_count(still, monkeypatch):
+    """90 misfits from 4.0 to 3.9, ten from 100 to 102: with δ = 10 their loss rises, Σ w r² would fall and its δ with them."""
+    before, after = (seen_from(still, np.repeat(sizes, (90, 10))) for sizes in ((4.0, 100.0), (3.9, 102.0)))
+    δ = turning(still, before)
+    assert δ == pytest.approx(10.0)
+    assert loss(still, before, δ) == pytest.approx(3 * (0.9 * 4.0**2 + 0.1 * (2 * 10 * 100 - 10**2)))
+    assert loss(still, after, δ) == pytest.approx(3 * (0.9 * 3.9**2 + 0.1 * (2 * 10 * 102 - 10**2)))
+    assert loss(still, after, δ) > loss(still, before, δ)
+    monkeypatch.setattr(gauss_newton, "replay", lambda *arguments, **named: after)
+    stayed, _ = gauss_newton._iterate(still, Progress(TRUTH), before, 1, FORGETFUL)
+    assert stayed.fabric == TRUTH and "no shorter step" in stayed.ending
+
+
+def test_normal_equations_hold_its_gradient(still):
+    """dL/dθ = −2 g/n, with misfits on both sides of where it turns."""
+    size = np.random.default_rng(1).uniform(1.0, 4.0, 100) * np.repeat([1.0, 10.0], (80, 20))
+    at, ε = seen_from(still, size), 1e-6
+    δ, slopes = turning(still, at), []
+    assert (size < δ).any() and (size > δ).any()
+    for name in gauss_newton.PARAMETERS:
+        above, below = (loss(still, replace(at, x=at.x + s * ε * at.columns[name]), δ) for s in (1, -1))
+        slopes.append((above - below) / (2 * ε))
+    np.testing.assert_allclose(slopes, -2 * normal_equations(still, at).g.sum(0) / 100, rtol=1e-6)
+
+
+def test_losses_that_are_compared_turn_where_the_first_does(still, monkeypatch):
+    sizes = {1.0: (4.0, 100.0), 2.0: (8.0, 100.0)}
+    monkeypatch.setattr(gauss_newton, "replay", lambda scene, fabric: seen_from(still, np.repeat(sizes[fabric.membrane], (90, 10))))
+    first, second = WholeReplay().losses(still, [replace(TRUTH, membrane=1.0), replace(TRUTH, membrane=2.0)])
+    assert second - first == pytest.approx(3 * 0.9 * (8.0**2 - 4.0**2))  # the outliers have not moved

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from tasks.cloth.estimates import at_bound, estimates
-from tasks.cloth.gauss_newton import BOUNDS, Normal, Progress, fit, moved
-from tasks.cloth.knowledge import bootstrap, gauge, half_step, intervals, knowledge, profile
+from tasks.cloth.gauss_newton import BOUNDS, Normal, Progress, WholeReplay, fit, moved
+from tasks.cloth.knowledge import bootstrap, choices, gauge, intervals, knowledge, profile
+from tasks.cloth.stage import FitParameters, Work, _by_tangents, _by_whole_replay
+from tasks.cloth.windowed_fit import Windowed
 from tasks.simulator import Fabric
+from tasks.stage import Job
 from tests.cloth.test_gauss_newton import TRUTH, observed, panel
+from tests.cloth.test_windowed_fit import FAR
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,7 @@ def test_half_the_step_changes_what_backward_euler_made_of_it(found):
     blurred = fit(coarse, Progress(TRUTH), iterations=4)
     fine = replace(scene, settings=replace(scene.settings, substeps=4))
     ours = fit(fine, Progress(TRUTH), iterations=4)
-    size = lambda f, s: max(abs(np.log(factor or 10)) for factor in half_step(s, f)["factors"].values())  # noqa: E731
+    size = lambda f, s: max(abs(np.log(factor or 10)) for factor in choices(s, f)["half_step"]["factors"].values())  # noqa: E731
     assert size(ours, fine) < size(blurred, coarse)
 
 
@@ -86,8 +90,47 @@ def test_everything_is_json(found):
     import json
 
     scene, result = found
-    told = json.loads(json.dumps(knowledge(scene, result, otherwise=scene)))
+    told = json.loads(json.dumps(knowledge(scene, result, otherwise=scene.boundary_motion)))
     assert set(told) == {"gauge", "bootstrap", "half_step", "other_boundary"}
     assert told["other_boundary"]["factors"]["kappa_s_over_rho"] == pytest.approx(1.0, abs=1e-6)
     failed = replace(result, normal=Normal(np.full((1, 2), np.nan), np.full((1, 2, 2), np.nan)))
     assert set(knowledge(scene, failed)) == {"gauge"}
+
+
+@pytest.mark.parametrize(("fitted", "method"), [(_by_tangents, "gauss-newton"), (_by_whole_replay, "whole-replay")])
+def test_a_boundary_that_is_the_same_changes_nothing(tmp_path, fitted, method):
+    """Neither the step that windows of another length took, nor a start that the fit has not had, is told as the boundary's doing."""
+    scene = observed(panel(6, frames=11), 5)
+    work = Work("garment", replace(scene, x0=scene.observed[0]), FAR, otherwise=scene.boundary_motion)
+    job = Job("anna", "walk", None, tmp_path, lambda share, text: None, lambda text: None)
+    told = fitted(job, work, FitParameters(method=method, iterations=4), map)[2]["other_boundary"]
+    assert list(told["factors"].values()) == pytest.approx([1.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("objective", [WholeReplay(), Windowed()])
+def test_a_boundary_that_is_another_changes_what_it_changes(found, objective):
+    """Nothing where nothing is changed, though the fit stopped before its optimum; a swing wider by 1 in 500 what it alone asks for."""
+    scene, result = found
+    early = replace(result, fabric=moved(result.fabric, np.array([0.3, -0.2])))
+    left = objective.normal(scene, early.fabric).step
+    wider = scene.boundary_motion[:1] + 1.002 * (scene.boundary_motion - scene.boundary_motion[:1])
+    asked = objective.normal(replace(scene, boundary_motion=wider), early.fabric).step - left
+    same, other = (choices(scene, early, objective, path)["other_boundary"]["factors"] for path in (scene.boundary_motion, wider))
+    assert np.abs(left).max() > 0.1 and np.abs(asked).max() > 0.01
+    assert list(same.values()) == pytest.approx([1.0, 1.0], abs=1e-9)
+    assert np.log(list(other.values())) == pytest.approx(asked)
+
+
+def test_the_noise_is_the_fits(found):
+    """Where windows showed it to be a tenth of what the file stated, everything is told with a tenth."""
+    scene, result = found
+    heard = []
+
+    class Listening(WholeReplay):
+        def normal(self, scene, fabric):
+            heard.append(scene.noise_m)
+            return super().normal(scene, fabric)
+
+    knowledge(scene, replace(result, noise_share=0.1), objective=Listening(), otherwise=scene.boundary_motion)
+    assert len(heard) == 3
+    np.testing.assert_allclose(heard, np.broadcast_to(0.1 * scene.noise_m, (3, *scene.noise_m.shape)))

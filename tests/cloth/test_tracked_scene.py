@@ -33,8 +33,8 @@ def test_the_boundary_is_chosen_and_what_the_other_driver_changes_is_said():
     assert any("24 nodes chosen" in said for said in found.chosen)
     assert any("skinned ones lie" in said for said in found.chosen)
     other = tracked_scene(track(), name="t", driver="skinned")
-    np.testing.assert_array_equal(other.scene.boundary_motion, found.otherwise.boundary_motion)
-    np.testing.assert_array_equal(other.otherwise.boundary_motion, found.scene.boundary_motion)
+    np.testing.assert_array_equal(other.scene.boundary_motion, found.otherwise)
+    np.testing.assert_array_equal(other.otherwise, found.scene.boundary_motion)
 
 
 def test_carried_points_move_rigidly_with_the_body():
@@ -121,6 +121,16 @@ def test_too_few_frames_and_a_driven_vertex_out_of_sight():
     x[:6, 5] = np.nan
     with pytest.raises(BadInput, match="2 frames from the first whole one"):
         tracked_scene(replace(at, vertices=x), name="t")
+
+
+@pytest.mark.parametrize("frames", [0, 1])
+def test_too_few_frames_are_asked_for(frames):
+    """The file has enough."""
+    with pytest.raises(
+        BadInput, match=f"{frames + 1} frames from the first whole one on, as many as are asked for. Ask for at least 2 after"
+    ):
+        tracked_scene(track(), name="t", frames=frames)
+    assert len(tracked_scene(track(), name="t", frames=2).scene.observed) == 3
 
 
 def test_what_was_hardly_meant_is_said():

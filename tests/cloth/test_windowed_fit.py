@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from tasks.cloth import windowed_fit
+from tasks.cloth.estimates import estimates
+from tasks.cloth.gauss_newton import UNKNOWN
+from tasks.cloth.knowledge import knowledge
 from tasks.cloth.numerics import corrected
 from tasks.cloth.scene import replay
 from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
+from tasks.effects.library import library
 from tasks.simulator import Fabric
 from tests.cloth.test_gauss_newton import TRUTH, observed, panel
 
@@ -30,10 +34,8 @@ def test_the_fabric_is_found_from_far_away(scene):
 
 
 def test_windows_like_the_truth_better_than_its_neighbours(scene):
-    at = Windowed()
-    truth = at.loss(scene, TRUTH)
-    for factor in (0.6, 1.6):
-        assert at.loss(scene, replace(TRUTH, bending=factor * TRUTH.bending)) > truth
+    truth, *beside = Windowed().losses(scene, [replace(TRUTH, bending=factor * TRUTH.bending) for factor in (1.0, 0.6, 1.6)])
+    assert min(beside) > truth
 
 
 def test_a_noisy_start_is_pulled_towards_what_the_forces_allow(scene):
@@ -50,7 +52,8 @@ def test_what_the_computation_does_is_taken_off_at_the_end(scene):
     for job, told in zip(finer, windowed_fit._following_finely(found, finer, map)([TRUTH])[0], strict=True):
         assert len(job.offsets) == 2
         assert corrected(told).names == PARAMETERS
-    _, normal = windowed_fit._less_numerics(found, jobs, map)
+    _, normal, reasons = windowed_fit._less_numerics(found, jobs, map)
+    assert reasons == ()
     assert (np.diag(normal.common) > 0).all()
     assert (normal.half_width > normal.quantile * np.sqrt(np.diag(normal.covariance - normal.common))).all()
 
@@ -63,6 +66,7 @@ def test_noise_that_is_overstated_hides_nothing():
     assert np.log(found.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.1)
     assert np.log(found.fabric.membrane / TRUTH.membrane) == pytest.approx(0, abs=0.3)
     assert found.history[-1]["rms_mm"] < 0.5
+    assert found.noise_share < 0.5  # what else is told of it is told with the noise that it was fitted with
 
 
 @pytest.mark.parametrize("stuck", ["at its states", "in one of its windows", "not predicted"])
@@ -84,3 +88,40 @@ def test_where_longer_windows_cannot_be_followed_the_short_ones_stand(scene, mon
     found = fit_windows(started_well(scene, FAR), FAR)
     assert len(found.normal.g) == 2 and np.isfinite(found.covariance).all()
     assert np.log(found.fabric.bending / TRUTH.bending) == pytest.approx(0, abs=0.35)
+
+
+def test_windows_without_a_finer_computation_are_counted(scene, monkeypatch):
+    jobs, _ = windowed_fit._jobs(scene, TRUTH)
+    found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
+    finer = windowed_fit._finer
+    monkeypatch.setattr(windowed_fit, "_finer", lambda job: finer(job) if job.window.start else {})
+    _, normal, reasons = windowed_fit._less_numerics(found, jobs, map)
+    assert reasons == (f"1 of {len(jobs)} windows have no finer computation",)
+    assert len(normal.g) == len(jobs) - 1 and (np.diag(normal.common) > 0).all()
+
+
+def test_where_the_finer_one_loses_the_windows_aside_nothing_is_said_to_be_known(scene, monkeypatch):
+    jobs, _ = windowed_fit._jobs(scene, TRUTH)
+    found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
+    monkeypatch.setattr(windowed_fit, "bracketed", lambda fabric, follow: None)
+    fabric, normal, reasons = windowed_fit._less_numerics(found, jobs, map)
+    assert fabric == TRUTH and reasons == (UNKNOWN,) and np.isnan(normal.half_width).all()
+
+
+def test_without_any_finer_computation_there_is_no_interval(scene, monkeypatch):
+    monkeypatch.setattr(windowed_fit, "_finer", lambda job: {})
+    found = fit_windows(started_well(scene, FAR), FAR)
+    assert found.reasons == ("2 of 2 windows have no finer computation", UNKNOWN)
+    said = estimates(scene, found)
+    for key in ("kappa_s_over_rho", "kappa_b_over_rho"):
+        assert said[key]["value"] is said[key]["low"] is said[key]["high"] is None
+        assert UNKNOWN in said[key]["sentence"]
+    assert set(knowledge(scene, found, objective=Windowed())) == {"gauge"}  # nor one by the bootstrap
+
+
+def test_strengths_are_not_fitted_without_a_finer_computation_and_that_is_said(scene, monkeypatch):
+    jobs, _ = windowed_fit._jobs(scene, TRUTH)
+    found = windowed_fit.refit(jobs, noise=1e-3, iterations=0)
+    monkeypatch.setattr(windowed_fit, "_finer", lambda job: {})
+    bare = windowed_fit._completed(scene, found, jobs, (library()["air_normal_drag"],), 1, map, lambda text: None)
+    assert bare.reasons == (f"{len(jobs)} of {len(jobs)} windows have no finer computation",)

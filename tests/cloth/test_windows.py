@@ -271,7 +271,7 @@ def test_a_refit_that_no_step_betters_does_not_call_that_converged(monkeypatch, 
     wrong = with_fabric(model, Fabric(320.0, 1.0, 40.0))
     found = states(wrong, recording.motion, recording.observed, 1e-3)
     todo = [Job(wrong, recording, w, found, smooth_modes(model.subject.cloth, 4)) for w in windows([recording], FPS)]
-    monkeypatch.setattr(shooting, "_loss", lambda of, beside, prior: 1.0)
+    monkeypatch.setattr(shooting, "gain", lambda now, tried, loss: 0.0)
     for name, value in {"SETTLED": settled, "LARGEST_STEP": 0.31, "DAMPING": (1e-3, 1e3)}.items():
         monkeypatch.setattr(shooting, name, value)
     stopped = refit(todo, noise=1e-3, iterations=6)

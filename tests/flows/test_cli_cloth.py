@@ -64,6 +64,9 @@ def test_algorithm_1_by_flag(track, capsys):
         (["nowhere.npz"], "no such file"),
         (["panel.npz", "--boundary", "skinned"], "ride on a body"),
         (["broken.npz"], "broken.npz"),
+        (["panel.npz", "--frames", "0"], "frames: Input should be greater than or equal to 2"),
+        (["panel.npz", "--iterations", "0"], "iterations: Input should be greater than or equal to 1"),
+        (["panel.npz", "--substeps", "0"], "substeps: Input should be greater than or equal to 1"),
     ],
 )
 def test_bad_input_ends_with_2(track, capsys, arguments, said):
