@@ -16,7 +16,7 @@ demo: setup            ## one actor, from images to avatar and gap report
 
 # PostgreSQL where it answers (DATABASE=postgresql+asyncpg://… names another), else SQLite; PORT of the UI
 PORT ?= 4200
-DATABASE ?= $(shell pg_isready -q -h 127.0.0.1 2>/dev/null && echo postgresql+asyncpg://postgres@127.0.0.1:5432/physavatar)
+DATABASE ?= $(shell psql -wqtAc 'select' -h 127.0.0.1 -U postgres postgres >/dev/null 2>&1 && echo postgresql+asyncpg://postgres@127.0.0.1:5432/physavatar)
 demo-service: setup    ## server, workers and two actors, on this machine; prints the UI's address, Ctrl-C ends it
 	$(if $(DATABASE),PHYSAVATAR_SERVICE__DATABASE="$(DATABASE)") $(RUN)physavatar up --demo --port $(PORT)
 

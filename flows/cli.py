@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +19,7 @@ from cyclopts.exceptions import CycloptsError
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_store import Location
 from flows.endings import CANCELLED, OK, STAGE_FAILED, Refused, ending_of
 
 # One BLAS thread per process: garments, cameras and candidates run side by side instead, and sums come out in one order.
@@ -47,7 +49,6 @@ app.command("flows.cli_up:deploy", name="deploy")
 
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
 Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
-Location = Annotated[str | None, Parameter(name="--store", help="Folder of the artifact store, or s3://bucket/prefix.")]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -91,11 +92,14 @@ def submit(
     wait: With --no-wait the run goes on in the background; see status, logs and cancel.
     service: Have the workers of `physavatar up` do it, before any dataset.
     """
-    if not wait and not service:
-        return _in_background([a for a in sys.argv[1:] if a != "--no-wait"])
     from flows.submission import Submission
 
     submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR)
+    if not wait and not service:
+        submission.check()
+        return _in_background(
+            ["submit", actor, *_options({"--sequence": [sequence], "--until": [until], "--set": set_, "--store": [store]})]
+        )
     if service:
         from flows.service.hand_over import hand_over
 
@@ -261,7 +265,13 @@ def _store_root(store: str | None) -> Path:
     return open_store(_settings(store).store).root
 
 
+def _options(values: Mapping[str, Iterable[str | None]]) -> list[str]:
+    """As the command line has them; what was not given is left out."""
+    return [word for name, given in values.items() for value in given if value is not None for word in (name, value)]
+
+
 def _in_background(arguments: list[str]) -> int:
+    """The same command in a process of its own, whose words nobody reads: what can be found wrong before it starts has to be found by then."""
     child = subprocess.Popen(
         [sys.executable, "-m", "flows", *arguments], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, create_model
+from pydantic import BeforeValidator, Field, ValidationError, create_model, field_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from flows.dataset import DatasetParameters
@@ -29,7 +29,7 @@ from flows.pipeline import STAGES
 from flows.service.parameters import ServiceParameters
 from flows.service.settings import bundled
 from tasks.geometry.faults import BadInput, Fault
-from tasks.stage import Parameters
+from tasks.stage import Folder, Parameters
 
 CONFIG_FILE, PREFIX = "physavatar.toml", "PHYSAVATAR_"
 NO_SETTINGS = frozenset(f"{PREFIX}{name}" for name in ("CONFIG", "REAL_DATA", "CACHE", "HOME"))
@@ -43,10 +43,17 @@ class _Places(BaseSettings):
 
     store: Place = Field(Path("artifacts"), description="folder of the artifact store, or s3://bucket/prefix")
     data: Path = Field(Path("data"), description="folder of recordings, <data>/<actor>/<sequence>")
-    effects_folder: Path | None = Field(None, description="folder of further effects, one Python file each")
+    effects_folder: Folder = Field(None, description="folder of further effects, one Python file each")
     demo: DemoParameters = Field(default_factory=DemoParameters, description="size of the demo recording")
     dataset: DatasetParameters = Field(default_factory=DatasetParameters, description="quotas of the dataset flow")
     service: ServiceParameters = Field(default_factory=ServiceParameters, description="server, database, workers")
+
+    @field_validator("dataset")
+    @classmethod
+    def _until_is_a_stage(cls, dataset: DatasetParameters) -> DatasetParameters:
+        if dataset.until not in STAGES:
+            raise ValueError(f"until is {dataset.until!r}, which is no stage; the stages are {', '.join(STAGES)}")
+        return dataset
 
     @classmethod
     def settings_customise_sources(cls, settings_cls: type, **sources: PydanticBaseSettingsSource) -> tuple:
@@ -116,6 +123,10 @@ def _assign(values: dict[str, Any], source: str, text: str) -> None:
     *tables, name = path.strip().split(".")
     for table in tables:
         values = values.setdefault(table, {})
+        if not isinstance(values, dict):
+            raise BadInput(
+                [Fault(source, f"{table!r} is a setting by itself, {values!r}, and has none below it", "Write stage.parameter=value.")]
+            )
     values[name] = _value(value.strip())
 
 

@@ -87,13 +87,18 @@ class Submission:
         scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
         return cls(Request(actor, sequence, settings, AVATAR, until, scores), opened, console)
 
-    def run(self) -> Ended:
-        """Run to the end; the run record keeps how it ended, whatever happens. Bad input is found before any stage starts."""
+    def check(self) -> list[Planned]:
+        """The stages as they would run. Raises what `run` would before any of them starts."""
         planned = plan_actor(self.request, self.store)
-        complete = all(stage.cached for stage in planned)
-        if not complete:
+        if not all(stage.cached for stage in planned):
             require_room(self.store.root, ROOM)
             preflight(self.request.settings, self.request.until)
+        return planned
+
+    def run(self) -> Ended:
+        """Run to the end; the run record keeps how it ended, whatever happens. Bad input is found before any stage starts."""
+        planned = self.check()
+        complete = all(stage.cached for stage in planned)
         record = RunRecord(self.store.root, self.request.actor, self.request.sequence)
         try:
             with bars(record, self.console):

@@ -17,6 +17,7 @@ from prefect.artifacts import create_table_artifact
 from prefect.client.orchestration import PrefectClient, get_client
 from prefect.client.schemas.filters import (
     FlowRunFilter,
+    FlowRunFilterEndTime,
     FlowRunFilterStartTime,
     FlowRunFilterState,
     FlowRunFilterStateType,
@@ -91,7 +92,7 @@ async def sweep(
         elif run.state.type == StateType.CANCELLING and age > UNSTOPPED:
             await mend(run, Cancelled(message="its worker did not answer"), "cancelled", "its worker did not answer")
     sweepers = await _flow(client, "sweeper")
-    for run in await _runs(client, StateType.CRASHED, since=now() - LOOK_BACK):
+    for run in await _runs(client, StateType.CRASHED, ended=FlowRunFilterEndTime(after_=now() - LOOK_BACK)):
         if run.deployment_id is None or _parent(run) is not None or run.flow_id == sweepers:
             continue
         if now() - run.state.timestamp < RESTED:
@@ -105,9 +106,10 @@ async def sweep(
     return mended
 
 
-async def _runs(client: PrefectClient, *types: StateType, since: datetime | None = None) -> list[FlowRun]:
-    started = None if since is None else FlowRunFilterStartTime(after_=since)
-    wanted = FlowRunFilter(state=FlowRunFilterState(type=FlowRunFilterStateType(any_=list(types))), start_time=started)
+async def _runs(
+    client: PrefectClient, *types: StateType, started: FlowRunFilterStartTime | None = None, ended: FlowRunFilterEndTime | None = None
+) -> list[FlowRun]:
+    wanted = FlowRunFilter(state=FlowRunFilterState(type=FlowRunFilterStateType(any_=list(types))), start_time=started, end_time=ended)
     found: list[FlowRun] = []
     while page := await client.read_flow_runs(flow_run_filter=wanted, limit=200, offset=len(found)):
         found += page
@@ -130,7 +132,11 @@ def _tries(run: FlowRun) -> int:
 
 
 async def _is_cancelled(client: PrefectClient, run: UUID) -> bool:
-    return (await client.read_flow_run(run)).state.type in (StateType.CANCELLED, StateType.CANCELLING)
+    """Whether nobody wants what a run has dispatched; a run that was deleted wants nothing more either."""
+    try:
+        return (await client.read_flow_run(run)).state.type in (StateType.CANCELLED, StateType.CANCELLING)
+    except ObjectNotFound:
+        return True
 
 
 async def _is_silent(client: PrefectClient, run: FlowRun, now: datetime) -> bool:
@@ -144,7 +150,7 @@ async def _is_silent(client: PrefectClient, run: FlowRun, now: datetime) -> bool
 
 async def is_swept(client: PrefectClient, me: FlowRun) -> bool:
     """Whether an earlier sweep is still at work: on a machine out of breath they would pile up and stand in each other's way."""
-    recent = await _runs(client, StateType.RUNNING, since=me.start_time - SILENT)
+    recent = await _runs(client, StateType.RUNNING, started=FlowRunFilterStartTime(after_=me.start_time - SILENT))
     return any(run.flow_id == me.flow_id and run.id != me.id and run.start_time < me.start_time for run in recent)
 
 

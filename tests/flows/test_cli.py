@@ -82,3 +82,25 @@ def test_a_store_from_the_future_is_refused(place, capsys):
     version.write_text(version.read_text().replace("1", "999"))
     assert run("artifacts", "ls") == 2
     assert "upgrade physavatar" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", ["--no-wait", "--wait=false", "--no-wait=true"])
+def test_a_run_in_the_background_waits_for_itself(place, monkeypatch, flag):
+    """However it was said: a child that got the word too would start another one, without end."""
+    tiny_recording(place / "data", actor="ann", sequence="walk")
+    started = []
+    monkeypatch.setattr(cli.subprocess, "Popen", lambda command, **more: started.append(command) or type("Child", (), {"pid": 7}))
+    assert run("submit", "ann", flag, "--until", "capture", "--set", "cloth.density=300", "--set", "gap.quick=false") == 0
+    (command,) = started
+    assert command[1:] == [
+        *("-m", "flows", "submit", "ann", "--until", "capture", "--set", "cloth.density=300", "--set", "gap.quick=false")
+    ]
+
+
+def test_bad_input_is_told_before_a_run_goes_to_the_background(place, monkeypatch, capsys):
+    monkeypatch.setattr(cli.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
+    assert run("submit", "nobody", "--no-wait") == 2
+    assert "there is no such actor" in capsys.readouterr().err
+    tiny_recording(place / "data", actor="ann", sequence="walk")
+    assert run("submit", "ann", "--no-wait") == 2  # without a template there is nothing to tell cloth from skin
+    assert capsys.readouterr().err

@@ -33,11 +33,17 @@ def test_flags_beat_environment_beats_toml(file, monkeypatch):
         ("clth.density=3", "Did you mean 'cloth'"),
         ("cloth.density=heavy", "cloth.density"),
         ("cloth.density", "has no '='"),
+        ("store.x=1", "is a setting by itself"),
+        ("dataset.until=dessert", "no stage; the stages are capture"),
     ],
 )
 def test_what_cannot_be_is_refused_with_a_remedy(file, flag, said):
     with pytest.raises(BadInput, match=said):
         load([flag], file=file)
+
+
+def test_an_empty_folder_of_effects_is_none_and_not_the_working_directory(file):
+    assert load(["effects_folder="], file=file).effects_folder is None
 
 
 def test_broken_toml_names_the_file(file):

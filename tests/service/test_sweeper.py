@@ -121,6 +121,25 @@ def test_a_child_of_a_cancelled_parent_is_cancelled(running):
     assert asyncio.run(go()).is_cancelled()
 
 
+def test_a_child_whose_parent_was_deleted_is_cancelled_and_the_sweep_goes_on(running):
+    async def go():
+        async with get_client() as client:
+            deployment = await client.read_deployment_by_name("vision/idle")
+            gone = "parent:00000000-0000-0000-0000-00000000dead"
+            child = await client.create_flow_run_from_deployment(deployment.id, parameters=_parameters(), tags=[gone])
+            await sweep(client, later)
+            return (await client.read_flow_run(child.id)).state
+
+    assert asyncio.run(go()).is_cancelled()
+
+
+def test_a_run_of_days_that_crashes_now_is_submitted_again(swept):
+    """What counts is when it ended, not when it started."""
+    started = Running(timestamp=datetime.now(UTC) - timedelta(days=3))
+    state, said = swept(started, Crashed(message="out of memory"))
+    assert said[-1].why == "out of memory" and state.name == "AwaitingRetry"
+
+
 def test_a_run_that_completes_while_it_is_looked_at_stays_completed(swept, running, monkeypatch):
     async def completes_meanwhile(client, run, now):
         await client.set_flow_run_state(run.id, Completed(), force=True)
