@@ -67,4 +67,4 @@ def nameless_acceleration(windows: Windows, fitted: Fitted, φ: Array) -> tuple[
 def _rms(a: Sequence[Array]) -> Array:
     squared = np.sum(np.stack(a) ** 2, -1)
     known = np.isfinite(squared)
-    return np.sqrt(np.where(known, squared, 0.0).sum(0) / np.maximum(known.sum(0), 1))
+    return np.sqrt(np.where(known, squared, 0.0).sum(0) / np.where(known.any(0), known.sum(0), np.nan))

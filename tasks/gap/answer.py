@@ -14,7 +14,6 @@ from tasks.gap.residual import rms_mm
 from tasks.gap.verdict import Verdict
 
 VERSION = 1
-Z90 = 1.645
 
 
 def answer(found: Diagnosis, *, seconds: float | None) -> dict[str, Any]:
@@ -52,27 +51,27 @@ def answer(found: Diagnosis, *, seconds: float | None) -> dict[str, Any]:
 
 
 def strengths(fitted: Fitted) -> dict[str, dict[str, Any]]:
-    """effect -> strength with its 90 % interval by the jackknife over windows; the length of the vector where it has several components."""
-    found, sd, at = {}, np.sqrt(np.maximum(np.diag(fitted.covariance), 0)), 0
+    """effect -> strength with its 90 % interval, Student's; the length of the vector where it has several components."""
+    found, half, at = {}, fitted.quantile(0.95) * np.sqrt(np.maximum(np.diag(fitted.covariance), 0)), 0
     for effect in fitted.effects:
         K = len(effect.strengths)
-        found[effect.name] = strength(effect, fitted.θ(effect), sd[at : at + K])
+        found[effect.name] = strength(effect, fitted.θ(effect), half[at : at + K])
         at += K
     return found
 
 
-def strength(effect: Effect, θ: NDArray, sd: NDArray) -> dict[str, Any]:
-    """value, unit and 90 % interval of strengths θ [K] with standard deviations sd [K]; of several the length of the vector, and `components`, symbol -> each."""
-    each = [_interval(float(t), float(s), symbol.unit) for t, s, symbol in zip(θ, sd, effect.strengths, strict=True)]
+def strength(effect: Effect, θ: NDArray, half: NDArray) -> dict[str, Any]:
+    """value, unit and interval of strengths θ [K] ± half [K]; of several the length of the vector, and `components`, symbol -> each."""
+    each = [_interval(float(t), float(h), symbol.unit) for t, h, symbol in zip(θ, half, effect.strengths, strict=True)]
     if len(each) == 1:
         return each[0]
     length = float(np.linalg.norm(θ))
-    whole = _interval(length, float(np.sqrt(θ**2 @ sd**2) / max(length, 1e-30)), effect.strengths[0].unit)
+    whole = _interval(length, float(np.sqrt(θ**2 @ half**2) / max(length, 1e-30)), effect.strengths[0].unit)
     return whole | {"components": dict(zip((s.symbol for s in effect.strengths), each, strict=True))}
 
 
-def _interval(value: float, sd: float, unit: str) -> dict[str, Any]:
-    return {"value": value, "unit": unit, "low": value - Z90 * sd, "high": value + Z90 * sd}
+def _interval(value: float, half: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "low": value - half, "high": value + half}
 
 
 def sentence(found: Diagnosis) -> str:
@@ -105,7 +104,9 @@ def _closing(gap: Shrinkage) -> str:
     where = ""
     if gap.held_out:
         where = "on motion kept out of the fit, replayed in one run, " if gap.replayed else "on motion kept out of the fit "
-    share = f"{gap.closed_fraction:.0%} of what can be closed, 90 % interval {gap.low:.0%} to {gap.high:.0%}"
+    share = f"{gap.closed_fraction:.0%} of what can be closed"
+    if gap.low is not None:
+        share += f", 90 % interval {gap.low:.0%} to {gap.high:.0%}"
     return f"; with it the gap {where}falls to {gap.after_mm:.1f} mm ({share})"
 
 

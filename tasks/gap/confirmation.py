@@ -74,17 +74,18 @@ def _judged(trials: Trials) -> tuple[Verdict, tuple[Fitted, ...]]:
 
 
 def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: bool) -> Confirmed:
-    """What is left of a verdict on windows kept out. kept: None, or without windows, where there are none: the verdict stands, and no claim is made.
+    """What is left of a verdict on windows kept out. kept: None, or without windows that the base can follow, where there are none: the verdict stands, and no
+    claim is made.
 
     apart: they are of other recordings than those of the training.
     """
     screened = trials.screened
     floor = floor_mm(screened.evidence, trials.train.recordings)
-    if kept is None or not kept.windows:
+    test = _Test(trials, kept, floor, apart=apart) if kept is not None and kept.windows else None
+    if test is None or not any(e.prediction.complete for e in test.before):
         after = screened.evidence if first.named is None else first.named.evidence
         gap = shrinkage(screened.evidence, after, floor_mm=floor, held_out=False, prior=screened.prior)
         return Confirmed(first.verdict, first.named, screened.evidence, after, gap, first.pairs)
-    test = _Test(trials, kept, floor, apart=apart)
     now, reasons = first, []
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))

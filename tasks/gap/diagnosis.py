@@ -5,7 +5,8 @@
 Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library allowed,
 derivatives did not hold, and all is done again in shorter ones.
 
-Everything before the verdict sees the training windows only. `run` maps a function over windows: serially, over processes, or over workers.
+What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of the base refit, in
+windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read before the verdict. `run` maps a function over windows: serially, over processes, or over workers.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence, Map
+from tasks.cloth.shooting import Evidence, Map, moved
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import PREDICTED, Recording, Window
 from tasks.effects.effect import Effect
@@ -161,12 +162,14 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
 
 
 def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
-    """κ_s/ρ and κ_b/ρ [m³/kg] of the refitted base, 90 % intervals by the jackknife over windows."""
-    fabric, sd = screened.base.model.subject.fabric, np.sqrt(np.maximum(np.diag(screened.windows.base.base_covariance), 0))
+    """κ_s/ρ and κ_b/ρ [m³/kg] of the base, at what its windows ask for beside numerics; 90 % intervals, Student's, of their logarithms."""
+    base = screened.windows.base
+    fabric = moved(screened.base.model.subject.fabric, base.base)[0]
+    factors = np.exp(base.quantile(0.95) * np.sqrt(np.maximum(np.diag(base.base_covariance), 0)))
     found = {}
-    for name, value, s in zip(("kappa_s_over_rho", "kappa_b_over_rho"), (fabric.membrane, fabric.bending), sd, strict=True):
+    for name, value, factor in zip(("kappa_s_over_rho", "kappa_b_over_rho"), (fabric.membrane, fabric.bending), factors, strict=True):
         ratio = value / fabric.density
-        found[name] = {"value": ratio, "low": ratio * np.exp(-1.645 * s), "high": ratio * np.exp(1.645 * s), "unit": "m3/kg"}
+        found[name] = {"value": ratio, "low": ratio / factor, "high": ratio * factor, "unit": "m3/kg"}
     return found
 
 

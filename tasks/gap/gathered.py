@@ -42,6 +42,16 @@ class Gathered:
         """The same in windows of another length, without those that start where the cloth could not be brought to what was seen."""
         return self.only(w for w in windows(self.recordings, fps, length_s) if w.start < len(self.states[w.recording].x))
 
+    def compared(self) -> tuple[Recording, ...]:
+        """Each recording as its windows compare it, unseen elsewhere; of their starts only the first, for another may be the end of a window kept out."""
+        found = []
+        for k, recording in enumerate(self.recordings):
+            own, frames = [w for w in self.windows if w.recording == k], np.zeros(len(recording), bool)
+            for w in own:
+                frames[w.start + (w is not own[0]) : w.start + w.length + 1] = True
+            found.append(replace(recording, observed=np.where(frames[:, None, None], recording.observed, np.nan)))
+        return tuple(found)
+
     def only(self, windows: Iterable[Window]) -> "Gathered":
         """Some of the windows."""
         return replace(self, windows=tuple(windows))

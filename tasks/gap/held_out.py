@@ -1,8 +1,10 @@
 """How far the gap shrinks on motion that nothing was fitted on: windows of held-out recordings, or those of each recording that were kept out.
 
 E is the mean squared distance of a vertex [mm²] between observation and prediction in a window, what the uncertain start explains taken out.
-closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run; intervals by a
-bootstrap over windows (Efron 1982).
+closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run. The fall of E is a ratio of sums over
+n windows, Σ d_w/Σ m_w of falls d_w of m_w vertices; its interval is Student's (Cochran 1977, §6.4):
+
+    D ± t_{n−1} s,    s² = n/(n − 1) Σ (d_w − D m_w)²/(Σ m_w)²
 
 At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses. There
 
@@ -16,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from tasks.cloth.numerics import size
 from tasks.cloth.shooting import Evidence, Prior, without_state
@@ -24,14 +27,14 @@ from tasks.cloth.windows import Recording
 Array = NDArray[np.float64]
 
 DRAWS = 2000
-LEVEL = (5.0, 95.0)
+LEVEL = 0.95  # of one end of an interval
 LEAST = 0.15  # closed fraction below which nothing was gained that another cause, or none, would not gain too
 CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, and a fraction of it would mean nothing
 
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """√E before, after and floor [mm]; closed fraction with its 90 % interval (None where the gap is at the floor); held out or not; in windows, or in
+    """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in windows, or in
     recordings replayed in one run.
 
     falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a turn) is not even drawn in
@@ -56,7 +59,7 @@ class Shrinkage:
 
 def unchanged(gap: Shrinkage) -> Shrinkage:
     """The gap where nothing is named: after is as before."""
-    nothing = None if gap.closed_fraction is None else 0.0
+    nothing = None if gap.closed_fraction is None else 0.0  # for certain
     return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0)
 
 
@@ -104,9 +107,19 @@ def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False)
     falls = float((drops > 0).mean())
     if b**2 <= CLOSABLE * floor_mm**2:
         return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls, replayed)
-    closable = b**2 - floor_mm**2  # of all windows: in draws near the floor it vanishes
-    low, high = np.percentile(drops, LEVEL) / closable
-    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), float(low), float(high), held_out, falls, replayed)
+    closable = b**2 - floor_mm**2
+    low, high = (None if end is None else end / closable for end in _interval(E[:, 0] - E[:, 1], E[:, 2]))
+    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), low, high, held_out, falls, replayed)
+
+
+def _interval(d: Array, m: Array) -> tuple[float | None, float | None]:
+    """90 % interval of Σ d/Σ m over stretches [n]; None of a single one."""
+    n, D = len(d), d.sum() / m.sum()
+    if n < 2:
+        return None, None
+    s = np.sqrt(n / (n - 1) * np.sum((d - D * m) ** 2)) / m.sum()
+    half = stdtrit(n - 1, LEVEL) * s
+    return float(D - half), float(D + half)
 
 
 def _draws(n: int) -> NDArray[np.int64]:

@@ -30,6 +30,9 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+from scipy.special import stdtrit
 
 from tasks.cloth.shooting import PARAMETERS, without_forcing
 from tasks.cloth.windows import Normals
@@ -106,6 +109,10 @@ class Fitted:
         """Names of the effects, joined; "none" for the base."""
         return " + ".join(e.name for e in self.effects) or "none"
 
+    def quantile(self, level: float) -> float:
+        """Of Student's t with the ν of the windows: how many standard deviations off a strength or base parameter may be."""
+        return float(stdtrit(_freedom(len(self.misfits)), level))
+
     def θ(self, effect: Effect) -> Array:
         """Strengths [K] of one effect."""
         return np.array([self.strengths[c] for c in effect.columns])
@@ -114,7 +121,8 @@ class Fitted:
 def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, shows: float = 0.0) -> float:
     """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not known.
 
-    Along the ray of θ numerically, on points of the prior and of the peak, which may be far narrower; across it by Laplace's approximation.
+    Along the ray of θ numerically, and of a single component of either sign along the other one too, on points of the prior and of the peak, which may be far
+    narrower; across it by Laplace's approximation.
     p: size u log-normal about the typical one, any direction alike. shows: size below which a cause does not show; nothing is claimed of such ones.
     """
     z, Σ = θ / effect.typical, covariance / np.outer(effect.typical, effect.typical)
@@ -124,8 +132,9 @@ def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, sho
     peak = (r + σ * np.linspace(-12, 12, 241)) / np.sqrt(K)
     u = np.unique(np.concatenate([np.exp(np.linspace(-8, 4, 600) * log(FACTOR)), peak[peak > 0]]))
     density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u) * (u >= shows)
-    size = float(np.trapezoid(density * (1 + ((u * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2), u))
     either_way = K == 1 and effect.strengths[0].low < 0
+    rays = (1, -1) if either_way else (1,)
+    size = sum(float(np.trapezoid(density * (1 + ((sign * u * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2), u)) for sign in rays)
     across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / max(r, 1e-9)) ** (K - 1) if K > 1 else 1.0
     sphere = 2 * pi ** (K / 2) / gamma(K / 2) if K > 1 else 1.0 + either_way
     return log(max(size, 1e-300)) + log(min(max(across, 1e-300) / sphere, 1.0))
@@ -251,7 +260,8 @@ class Windows:
         misfits = np.array([allowed.misfits(t, names)[k] for k, t in enumerate(each)])
         weights = tuple(self._weigh(e, effects[:k]) for k, e in enumerate(effects))
         φ = max((v.dispersion for v in weights), default=self._dispersion(()))
-        covariance = φ * np.linalg.pinv(sum(G for G, _ in forced.scaled(names)), hermitian=True)
+        unseen = np.diag(precision(effects))  # what no window touches is as uncertain as it was, not known
+        covariance = np.linalg.inv(sum(G for G, _ in forced.scaled(names)) / φ + unseen)
         p = len(PARAMETERS)
         strengths = dict(zip(names[p:], map(float, θ[p:]), strict=True))
         misfits = np.maximum(misfits - self.noise, 1e-3 * self.noise)
@@ -308,7 +318,7 @@ class Windows:
         decrease = self._loss(beside)[0] - loss - self._unforeseen.get((*beside, effect), 0.0)
         scores = self._forced(σ_a).scores(effect, beside)
         W, own = len(self), scores.dispersion
-        ν = W - 1 + KNOWN
+        ν = _freedom(W)
         φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)
         feigned = np.array([self.feigned.get(c, 0.0) for c in effect.columns])
         σ2 = φ * scores.inverse_information + np.diag(feigned**2)
@@ -327,20 +337,21 @@ class Windows:
         return self._medians[beside]
 
 
+def _freedom(windows: int) -> int:
+    """ν, degrees of freedom of a dispersion estimated from so many windows and the median of all effects."""
+    return windows - 1 + KNOWN
+
+
 def precision(effects: Sequence[Effect]) -> Array:
     """Of the priors of base parameters and strengths [P]."""
     return np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for e in effects for s in e.strengths])
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
-    """argmin ½ θᵀAθ − bᵀθ with low ≤ θ ≤ high, by fixing what leaves its range until nothing does."""
-    θ, held = np.zeros(len(b)), np.zeros(len(b), bool)
-    for _ in range(len(b) + 1):
-        free = ~held
-        θ[free] = np.linalg.solve(A[np.ix_(free, free)], b[free] - A[np.ix_(free, held)] @ θ[held])
-        out = free & ((θ < low) | (θ > high))
-        if not out.any():
-            break
-        θ[out] = np.clip(θ[out], low[out], high[out])
-        held |= out
-    return θ
+    """argmin ½ θᵀAθ − bᵀθ with low ≤ θ ≤ high, A positive definite (Stark & Parker 1995, on the factor A = LLᵀ of unit diagonal)."""
+    θ = np.linalg.solve(A, b)
+    if np.all((low <= θ) & (θ <= high)):
+        return θ
+    scale = 1 / np.sqrt(np.diag(A))
+    L = np.linalg.cholesky(A * np.outer(scale, scale))
+    return scale * lsq_linear(L.T, solve_triangular(L, scale * b, lower=True), (low / scale, high / scale), method="bvls").x

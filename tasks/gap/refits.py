@@ -140,7 +140,7 @@ def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike
 def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], alike: Twins) -> list[Fitted]:
     """Effects on the body that cloth seen inside it asks for, at the strength that clears it: derivatives cannot tell of them. Of twins, one."""
     linear, chosen = {h.name: h for h in screened.hypotheses}, []
-    for name, θ in cleared(screened.base.model, train.recordings, effects, train.noise).items():
+    for name, θ in cleared(screened.base.model, train.compared(), effects, train.noise).items():
         if all(frozenset((name, c.name)) not in alike for c in chosen):
             chosen.append(replace(linear[name], strengths={name: θ}))
     return chosen
@@ -148,7 +148,7 @@ def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], a
 
 def by_length(screened: Screened, train: Gathered) -> list[Fitted]:
     """The scale of pattern or cameras that observed lengths ask for, where they ask for one."""
-    s = observed_scale(screened.base.model, train.recordings)
+    s = observed_scale(screened.base.model, train.compared())
     chosen = [h for name in SCALES for h in screened.hypotheses if h.name == name and s][:1]
     return [
         replace(

@@ -113,20 +113,12 @@ def supported(base: Replayed, named: Replayed) -> float:
 def replays(model: Model, data: Gathered, *, columns: bool = False) -> list[Job]:
     """One job per recording: from its first window to the end of its last. What lies between windows is simulated, but not looked at."""
     found, φ = [], smooth_modes(model.subject.cloth, STARTING)
-    for k, recording in enumerate(data.recordings):
+    for k, recording in enumerate(data.compared()):
         own = [w for w in data.windows if w.recording == k]
         if own:
             whole = Window(k, own[0].start, own[-1].start + own[-1].length - own[0].start)
-            found.append(Job(model, _shown(recording, own), whole, data.states[k], φ, columns=columns))
+            found.append(Job(model, recording, whole, data.states[k], φ, columns=columns))
     return found
-
-
-def _shown(recording: Recording, own: Sequence[Window]) -> Recording:
-    """The recording as its windows show it, unseen elsewhere."""
-    frames = np.zeros(len(recording), bool)
-    for w in own:
-        frames[w.frames] = True
-    return replace(recording, observed=np.where(frames[:, None, None], recording.observed, np.nan))
 
 
 def base_replays(model: Model, effects: Sequence[Effect], data: Gathered, run: Map = map) -> list[Replay | None]:

@@ -72,7 +72,8 @@ def _verdict(answer: dict[str, Any], found: Diagnosis) -> Section:
 
 
 def _interval(value: float | None, low: float | None, high: float | None) -> str | None:
-    return None if value is None else f"{value:.0%}, 90 % interval {low:.0%} to {high:.0%}"
+    interval = "" if low is None else f", 90 % interval {low:.0%} to {high:.0%}"
+    return None if value is None else f"{value:.0%}{interval}"
 
 
 def _budget(told: Account) -> Section:

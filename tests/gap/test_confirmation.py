@@ -92,6 +92,13 @@ def test_of_what_forms_a_class_with_it_the_others_are_asked(put):
     assert _of(after.verdict, FRICTION) == pytest.approx(0.01 * _of(after.verdict, "none") / len(EFFECTS), rel=0.02)
 
 
+def test_motion_kept_out_that_the_base_cannot_follow_says_nothing(put):
+    """It had vetoed three names in turn, and the diagnosis then had no window to show."""
+    found, trials = put({FRICTION: 20.0}, {"none": None, FRICTION: None})
+    assert found.verdict.classes == ((FRICTION,),) and not trials.vetoed
+    assert not found.gap.held_out and found.before is trials.screened.evidence and found.after is found.named.evidence
+
+
 def test_motion_that_is_at_its_floor_already_says_nothing(put):
     before, _ = put({FRICTION: 20.0}, {}, kept=None, doubt=0.9)
     after, trials = put({FRICTION: 20.0}, {FRICTION: 1.05}, base=1.0, doubt=0.9)

@@ -56,6 +56,17 @@ def test_enough_windows_teach_and_the_first_of_each_recording_does(frames) -> No
     assert len(held.windows) >= min(len(whole.windows) - FEWEST_WINDOWS, 0.25 * len(whole.windows) - 1)
 
 
+@pytest.mark.parametrize("frames", [(31,), (41, 41), (200,)])
+def test_no_frame_that_is_kept_out_is_compared(frames) -> None:
+    """The start of a window may be the end of one that is kept out."""
+    train, held = split(data(*frames))
+    for k, recording in enumerate(train.compared()):
+        seen = np.isfinite(recording.observed).all((1, 2))
+        kept = [t for w in held.windows if w.recording == k for t in range(w.start + 1, w.start + w.length + 1)]
+        taught = [t for w in train.windows if w.recording == k for t in range(w.start + 1, w.start + w.length + 1)]
+        assert not seen[kept].any() and seen[taught].all() and seen[0]
+
+
 class Stop(Exception):
     """The diagnosis got as far as it is looked at here."""
 

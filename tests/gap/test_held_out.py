@@ -8,8 +8,8 @@ import pytest
 
 from tasks.cloth.shooting import Evidence, Prior
 from tasks.cloth.windows import Normals, Prediction, Window
-from tasks.gap.acceleration import fitted_acceleration
-from tasks.gap.held_out import likelier, shrinkage, unchanged
+from tasks.gap.acceleration import fitted_acceleration, residual_acceleration
+from tasks.gap.held_out import fallen, likelier, shrinkage, unchanged
 
 PRIOR = Prior(1e-3, 1e-2)
 compared = partial(shrinkage, prior=PRIOR)
@@ -105,6 +105,35 @@ def test_the_acceleration_of_a_constant_force_is_found():
     np.testing.assert_allclose(fitted_acceleration(field, 30.0), a, rtol=1e-9)
 
 
+def test_a_vertex_that_was_never_seen_misses_nobody_knows_what():
+    rng = np.random.default_rng(0)
+    found = evidence(rng, 10.0, 3)
+    for e in found:
+        e.residual[:, 4] = np.nan
+    accel = residual_acceleration(found, 30.0)
+    assert np.isnan(accel[4]) and np.isfinite(np.delete(accel, 4)).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 12])
+def test_nine_of_ten_intervals_hold_what_all_motion_would_say(n):
+    """Windows of different sizes and falls; a bootstrap over two of them held it in 44 of 100."""
+    rng, held = np.random.default_rng(n), 0
+    for _ in range(1000):
+        m = rng.integers(50, 150, n).astype(float)
+        before = m * (100 + 10 * rng.standard_normal(n))
+        after = m * (64 + 10 * rng.standard_normal(n))
+        gap = fallen(np.column_stack([before, after, m]), 4.0, held_out=True)
+        closable = gap.before_mm**2 - 16.0
+        held += gap.low * closable <= 36.0 <= gap.high * closable
+    assert 0.87 < held / 1000 < 0.93
+
+
+def test_a_single_window_has_no_interval():
+    rng = np.random.default_rng(0)
+    gap = compared(evidence(rng, 10.0, 1), evidence(rng, 5.0, 1), floor_mm=3.0, held_out=True)
+    assert gap.closed_fraction == pytest.approx(0.8, abs=0.1) and gap.low is gap.high is None and gap.shrinks
+
+
 def test_a_cause_that_acts_in_one_window_of_five_still_shrinks_the_gap():
     rng = np.random.default_rng(4)
     before = [*evidence(rng, 1.3, 4), *evidence(rng, 12.0, 1)]
@@ -132,7 +161,7 @@ def test_a_tenth_of_what_can_be_closed_is_no_cause():
 
 
 def test_an_interval_near_the_floor_is_one_that_can_be_read():
-    """In a third of the draws nothing is left to close."""
+    """Were what can be closed that of resampled windows, of which a third leave nothing to close, it would have no ends. Student's of four is wide as it is."""
     rng = np.random.default_rng(7)
     gap = compared(evidence(rng, 3.0, 3) + evidence(rng, 5.0, 1), evidence(rng, 2.9, 4), floor_mm=3.0, held_out=True)
-    assert -0.5 < gap.low < gap.closed_fraction < gap.high < 4
+    assert -2 < gap.low < gap.closed_fraction < gap.high < 5

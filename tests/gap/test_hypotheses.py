@@ -1,17 +1,21 @@
 """Hypotheses in compressed space, against the dense computation and on windows whose cause is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from tasks.cloth.numerics import corrected
 from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
-from tasks.gap.hypotheses import FORM, Windows, log_averaged
+from tasks.gap.diagnosis import ratios
+from tasks.gap.hypotheses import FORM, KNOWN, RIDGE, Windows, bounded, log_averaged
 from tasks.gap.verdict import PAIR, TEMPER, abstained, first_alone, judge, nothing_needed
+from tasks.simulator.fabric import Fabric
 
 LIBRARY = library()
 EFFECTS = [LIBRARY[n] for n in ("air_normal_drag", "fabric_mass_damping", "contact_friction", "fabric_hem_mass", "gravity_tilt")]
@@ -127,6 +131,38 @@ def test_averaging_over_strengths_is_the_integral():
     one = log_averaged(tilt.typical * (0.6, 0), np.diag((0.1 * tilt.typical) ** 2), tilt, ν)
     wide = log_averaged(tilt.typical * (0.6, 0), np.diag((0.2 * tilt.typical) ** 2), tilt, ν)
     assert wide - one == pytest.approx(2 * np.log(2), abs=0.3)  # two directions, each twice as uncertain
+
+
+def test_a_strength_of_either_sign_of_which_nothing_is_known_is_neither_favoured_nor_disfavoured():
+    friction = LIBRARY["contact_friction"]
+    assert friction.strengths[0].low < 0
+    assert log_averaged(np.zeros(1), np.diag(1e8 * friction.typical**2), friction, 10) == pytest.approx(0.0, abs=0.01)
+
+
+def test_what_no_window_touches_is_as_uncertain_as_it_was():
+    """Friction where nothing is touched: its strength was told as zero, to the last digit."""
+    rng, k = np.random.default_rng(7), NAMES.index("contact_friction")
+    found = windows(rng, truth={})
+    for n in found.given:
+        n.G[k], n.G[:, k], n.g[k] = 0.0, 0.0, 0.0
+    fitted = found.fit([LIBRARY["contact_friction"]])
+    spread = RIDGE * LIBRARY["contact_friction"].typical[0]
+    assert fitted.θ(LIBRARY["contact_friction"]) == pytest.approx(0.0, abs=1e-9)
+    assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(spread, rel=1e-6)
+
+
+def test_bounded_is_the_least_of_all_points_in_the_box():
+    """Two that are alike: the one that leaves the box first may have to come back once the other is held."""
+    A, free = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([2.0, -0.5])
+    np.testing.assert_allclose(bounded(A, A @ free, np.zeros(2), np.ones(2)), [1.0, 0.4], atol=1e-9)
+    rng = np.random.default_rng(3)
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 41)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    for _ in range(20):
+        B = rng.standard_normal((4, 3))
+        A, b = B.T @ B + 0.05 * np.eye(3), 2 * rng.standard_normal(3)
+        θ = bounded(A, b, np.zeros(3), np.ones(3))
+        least, *others = (0.5 * np.einsum("...i,ij,...j->...", x, A, x) - x @ b for x in (θ, grid))
+        assert (θ >= 0).all() and (θ <= 1).all() and least <= np.min(others) + 1e-12
 
 
 def test_a_strength_that_the_mesh_feigns_as_well_claims_half_of_what_it_might():
@@ -322,3 +358,18 @@ def test_a_cause_without_evidence_that_leaves_everything_unexplained_is_less_lik
     verdict = judge(singles, unexplained=1.0, missing=2.5)
     assert verdict.kind == "outside_library"
     assert verdict.probability > 0.8
+
+
+def test_ratios_are_those_that_the_windows_ask_for_with_numerics_taken_out():
+    """They had been those of the simulated base, with an interval about what windows ask for."""
+    fabric = Fabric(density=300.0, membrane=1.2, bending=0.9)
+    screened = SimpleNamespace(
+        base=SimpleNamespace(model=SimpleNamespace(subject=SimpleNamespace(fabric=fabric))),
+        windows=SimpleNamespace(base=windows(np.random.default_rng(11), truth={"log_membrane": 0.2, "log_bending": -0.1}).base),
+    )
+    found, few = ratios(screened), screened.windows.base
+    assert found["kappa_s_over_rho"]["value"] == pytest.approx(4e-3 * np.exp(0.2), rel=0.1)
+    assert found["kappa_b_over_rho"]["value"] == pytest.approx(3e-3 * np.exp(-0.1), rel=0.1)
+    for name, s in zip(("kappa_s_over_rho", "kappa_b_over_rho"), np.sqrt(np.diag(few.base_covariance)), strict=True):
+        ends = found[name]
+        assert np.log(ends["high"] / ends["low"]) == pytest.approx(2 * student.ppf(0.95, len(few.misfits) - 1 + KNOWN) * s)

@@ -61,7 +61,7 @@ def test_one_of_the_class_is_proposed_within_its_range(monkeypatch, left_out):
     screened = SimpleNamespace(hypotheses=hypotheses, base=SimpleNamespace(model=None))
     for s in (0.03, 9.0, 0.0):
         monkeypatch.setattr(refits, "observed_scale", lambda model, recordings, s=s: s)
-        proposed = refits.by_length(screened, SimpleNamespace(recordings=()))
+        proposed = refits.by_length(screened, SimpleNamespace(compared=tuple))
         assert [h.name for h in proposed] == ([name for name in SCALES if name not in left_out][:1] if s else [])
         for h in proposed:
             (most,) = (r.high for r in h.effects[0].strengths)

@@ -30,6 +30,12 @@ def test_a_name_that_takes_the_place_of_another_says_so():
     assert "; friction leads, but no, so of what is left the cause is drag (probability 70%); with it" in told[1]
 
 
+def test_a_single_window_kept_out_has_a_share_without_an_interval():
+    gap = Shrinkage(10.0, 3.0, 1.0, 0.9, None, None, True)
+    told = sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, ()), shrinkage=gap))
+    assert told.endswith("falls to 3.0 mm (90% of what can be closed).")
+
+
 def test_how_motion_kept_out_was_compared_is_said():
     ends = []
     for held_out, replayed in ((False, False), (True, False), (True, True)):
