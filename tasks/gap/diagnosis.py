@@ -6,7 +6,9 @@ Windows are as long as the cloth can be predicted: where they leave more than `P
 derivatives did not hold, and all is done again in shorter ones.
 
 What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of the base refit, in
-windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read before the verdict. `run` maps a function over windows: serially, over processes, or over workers.
+windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read before the verdict.
+
+`run` maps a function over windows: serially, over processes, or over workers.
 """
 
 from collections.abc import Callable, Sequence

@@ -34,8 +34,8 @@ CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, a
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in windows, or in
-    recordings replayed in one run.
+    """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in
+    windows, or in recordings replayed in one run.
 
     falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a turn) is not even drawn in
     a third of them, and there the fraction of what can be closed means nothing; so the interval is for reading, and `shrinks` decides.
