@@ -19,7 +19,7 @@ from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, corrected_model
-from tasks.gap.replay import Replay, base_replays, mean, parted, replayed_by
+from tasks.gap.replay import SPREAD, Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
@@ -136,7 +136,8 @@ class _Test:
         """How replays compare with the base's, or with those of a model beside which it stands, in the windows kept out that they pass through; None where
         there are none, or a replay cannot be finished.
 
-        Where what is named moves them by no more than they part by chance, the gap counts as unchanged: it might have fallen for anything.
+        There is something to close where they are off by more than log ratio² scatters where nothing is missing. Where what is named moves them by no more than
+        they part by chance, the gap counts as unchanged: it might have fallen for anything.
         """
         base, found = self._base_replays if beside is None else self._replays_of(beside), self._replays_of(named)
         before, after = _by_recording(base), _by_recording(found)
@@ -148,7 +149,8 @@ class _Test:
         if not rows:
             return None
         E = np.array(rows)
-        gap = fallen(E[:, :3], float(np.sqrt(E[:, 3].sum() / E[:, 2].sum())), held_out=True, replayed=True)
+        floor = float(np.sqrt(E[:, 3].sum() / E[:, 2].sum()))
+        gap = fallen(E[:, :3], floor, held_out=True, replayed=True, closable=np.exp(SPREAD))
         return gap if parted(found, base) > mean(base).chance else unchanged(gap)
 
     @cached_property

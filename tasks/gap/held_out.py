@@ -99,17 +99,17 @@ def likelier(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> float:
     return float((np.array(ℓ)[_draws(len(ℓ))].sum(1) > 0).mean())
 
 
-def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False) -> Shrinkage:
-    """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches."""
+def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False, closable: float = CLOSABLE) -> Shrinkage:
+    """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches; closable: E_before over E_floor from which there is something to close."""
     sums = E[_draws(len(E))].sum(1)
     drops = (sums[:, 0] - sums[:, 1]) / sums[:, 2]
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
     falls = float((drops > 0).mean())
-    if b**2 <= CLOSABLE * floor_mm**2:
+    if b**2 <= closable * floor_mm**2:
         return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls, replayed)
-    closable = b**2 - floor_mm**2
-    low, high = (None if end is None else end / closable for end in _interval(E[:, 0] - E[:, 1], E[:, 2]))
-    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / closable), low, high, held_out, falls, replayed)
+    most = b**2 - floor_mm**2
+    low, high = (None if end is None else end / most for end in _interval(E[:, 0] - E[:, 1], E[:, 2]))
+    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / most), low, high, held_out, falls, replayed)
 
 
 def _interval(d: Array, m: Array) -> tuple[float | None, float | None]:
