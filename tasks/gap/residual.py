@@ -92,6 +92,8 @@ def _by_band(r: Array, fps: float) -> list[dict[str, Any]]:
     rows = [{"band": "constant", "rms_mm": rms_mm(offset)}]
     for low, high in BANDS_HZ:
         inside = (f >= low) & (f < high) & (f > 0)
+        if not inside.any():
+            continue  # slower than the recording is long, or faster than its frames
         part = power[inside].sum() / max(power[1:].sum(), 1e-30)
         rows.append(
             {"band": f"{low:g}–{high:g} Hz" if np.isfinite(high) else f"above {low:g} Hz", "rms_mm": float(1e3 * np.sqrt(part * moving))}

@@ -125,7 +125,8 @@ def gap_section(
         Figure(data_uri(crop_to(picture, cameras, camera, x)), told),
         Figure(figure_uri(_timeline(np.asarray(tables["frame_mm"], float), fps)), "Error over time.", plot=True),
     ]
-    return Section("Where the gap lies", tables=[zones, directions, bands], figures=figures)
+    paragraph = "What was tracked minus the fitted fabric simulated in one run from the first frame, where it was seen."
+    return Section("Where the gap lies", [paragraph], tables=[zones, directions, bands], figures=figures)
 
 
 def _vertex_rms(residual_mm: NDArray) -> NDArray:

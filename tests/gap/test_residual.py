@@ -38,6 +38,12 @@ def test_a_swing_along_the_normal_is_found_in_its_direction_and_band():
     assert bands["above 6 Hz"] < 0.1
 
 
+def test_a_band_without_a_frequency_has_no_row():
+    """A second holds none below 1 Hz; a row of it said that nothing was there."""
+    found = split(np.random.default_rng(0).standard_normal((25, 35, 3)))
+    assert [row["band"] for row in found.by_band] == ["constant", "1–2.5 Hz", "2.5–6 Hz", "above 6 Hz"]
+
+
 def test_a_constant_offset_along_weft_is_its_own_band_and_lies_in_its_zone():
     zone = np.where(np.arange(35) < 7, ZONES.index("contact"), ZONES.index("free"))
     r = np.zeros((20, 35, 3))
