@@ -5,7 +5,6 @@ from pydantic import Field
 
 from storage_schemas.appearance import Appearance
 from storage_schemas.capture import Capture
-from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
 from tasks.appearance.albedo import solve_albedo
 from tasks.recorded import recorded
@@ -23,7 +22,7 @@ class AppearanceParameters(Parameters):
 
 
 @stage("appearance", version=2, pool="rendering", timeout_s=4 * 3600)
-def appearance(job: Job, capture: Capture, body: Registration, tracking: Tracking, parameters: AppearanceParameters) -> Appearance:
+def appearance(job: Job, capture: Capture, tracking: Tracking, parameters: AppearanceParameters) -> Appearance:
     """Solve for the albedo; the mesh that blocks light is the tracked surface."""
     recording = recorded(capture, job.recording)
     count = len(tracking.vertices)

@@ -49,7 +49,7 @@ def solve(sequence, **choices):
     job = Job("ann", "one", folder, folder, lambda fraction, text: told.append(text), warned.append)
     seen = capture.function(job, CaptureParameters(recording=folder))
     warned.clear()
-    found = appearance.function(job, seen, None, surface, AppearanceParameters(**{"texture_size": 64, "frames": 2} | choices))
+    found = appearance.function(job, seen, surface, AppearanceParameters(**{"texture_size": 64, "frames": 2} | choices))
     return found, warned, told[-1]
 
 
