@@ -128,7 +128,7 @@ def plan(
     from flows.request import plan_actor
     from flows.submission import Submission
 
-    submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR)
+    submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR, renders=False)
     planned = plan_actor(submission.request, submission.store)
     if json_:
         return _print_json([vars(p) for p in planned])

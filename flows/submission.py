@@ -68,14 +68,22 @@ class Submission:
 
     @classmethod
     def prepare(
-        cls, actor: str, sequence: str | None, *, until: str, overrides: Sequence[str], store: Path | str | None, console: Console
+        cls,
+        actor: str,
+        sequence: str | None,
+        *,
+        until: str,
+        overrides: Sequence[str],
+        store: Path | str | None,
+        console: Console,
+        renders: bool = True,
     ) -> "Submission":
-        """Resolve names and settings; refuses what cannot be, before any work."""
+        """Resolve names and settings; refuses what cannot be, before any work. renders: the demo's recording is made where it is not there yet."""
         validate_name(actor, "actor")
         if until not in STAGES:
             raise Refused(f"there is no stage {until!r}; the stages are {', '.join(STAGES)}")
         settings = load(overrides, places={"store": store})
-        if actor == DEMO:
+        if actor == DEMO and renders:
             ensure_demo(Path(settings.data), settings.demo, console)
         if settings.capture.recording is None:
             sequence, recording = _find_recording(Path(settings.data), actor, sequence)

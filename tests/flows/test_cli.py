@@ -69,6 +69,15 @@ def test_a_recording_may_lie_anywhere(place, capsys):
     assert "nowhere" in capsys.readouterr().err
 
 
+def test_a_plan_renders_nothing(place, capsys, monkeypatch):
+    def rendered(*_):
+        raise AssertionError("the demo's recording was made for a plan")
+
+    monkeypatch.setattr("flows.submission.ensure_demo", rendered)
+    assert run("plan", "demo") == 2
+    assert "`demo` is made on first use" in capsys.readouterr().err.replace("\n", " ")
+
+
 def test_stages_as_json(place, capsys):
     assert run("stages", "--json") == 0
     stages = json.loads(capsys.readouterr().out)
