@@ -185,6 +185,31 @@ def test_summary_and_page_hold_every_case():
     assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text and "Rivals" not in text
 
 
+def test_abstaining_is_no_answer_of_none_and_a_doubtful_wrong_name_is_no_confident_one():
+    """Of five whose cause nobody has: one abstains, two say none, two name, one of them surely."""
+    unknown = truth({"wind_gusts": 1.0}, stratum="outside")
+    said = [
+        answer("outside_library", [], [(["outside_library"], 0.9)]),
+        *[answer("none", [], [(["none"], 0.9)])] * 2,
+        answer("effect", [[DRAG]], [([DRAG], 0.9)]),
+        answer("effect", [[DRAG]], [([DRAG], 0.6)]),
+    ]
+    figures = {f["metric"]: f for f in summary([score(unknown, a) for a in said])}
+    abstains, wrong = figures["outside the library: abstains (recall)"], figures["outside the library: confident wrong name"]
+    assert abstains["value"] == wrong["value"] == 0.2
+    assert (abstains["low"], abstains["high"]) == wilson(1, 5)
+    assert figures["abstentions that are outside the library (precision)"]["value"] == 1
+
+
+def test_a_prediction_is_worse_from_a_twentieth_on():
+    x = np.zeros((3, 2, 3))
+    held_out = {"vertices": x, "observed": np.ones((3, 2), bool), "boundary": np.array([], int)}
+    before = np.full_like(x, 0.01)
+    for share, worse in ((1.04, False), (1.06, True)):
+        row = closing({"before": before, "after": before * share**0.5}, held_out, 0.001)
+        assert row["worse"] is worse
+
+
 def test_the_listing_says_of_every_case_what_was_planted_and_what_was_answered():
     named = score(
         truth({"air_normal_drag": 10.0}, multiple=2.5),
