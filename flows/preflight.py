@@ -6,8 +6,9 @@ from typing import Any
 
 from flows.pipeline import STAGES
 from tasks.capture.recording import Recording
-from tasks.capture.template import BODY, Template, read_template
+from tasks.capture.template import Template, read_template
 from tasks.geometry.faults import BadInput, Fault, refuse
+from tasks.geometry.parts import SKIN
 
 
 def preflight(settings: Any, until: str) -> None:
@@ -40,7 +41,7 @@ def _surface(recording: Recording, template: Template | None, wanted: list[str])
     if "tracking" in wanted and template is None and recording.mask is None:
         remedy = "Put the first frame's mesh at template/template.obj, or masks beside the pictures, or stop earlier: --until body."
         raise BadInput([Fault(where, "there is neither a template nor a mask: no surface to track", remedy)])
-    if "cloth" in wanted and (template is None or set(template.part) <= {BODY}):
+    if "cloth" in wanted and (template is None or set(template.part) <= {SKIN}):
         remedy = "Give template/template.obj the garments' faces by name (g skirt, g top …), or stop earlier: --until skinning."
         what = "there is no template" if template is None else "its template has no part but 'body'"
         raise BadInput([Fault(where, f"{what}: no garment to simulate", remedy)])

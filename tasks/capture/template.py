@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from tasks.geometry.faults import BadInput, Fault, refuse
 from tasks.geometry.meshes import mesh_faults
+from tasks.geometry.parts import SKIN
 
 MAX_BYTES = 1 << 30
-BODY = "body"  # the part of faces without a group
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def write_obj(path: Path, template: Template) -> None:
 
 def _read_obj(path: Path) -> Template:
     vertices, uv_vertices, faces, uv_faces, part = [], [], [], [], []
-    group = BODY
+    group = SKIN
     with path.open(encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, 1):
             words = line.split()
@@ -94,7 +94,7 @@ def _read_obj(path: Path) -> Template:
                             uv_faces.append([c[1] for c in triangle])
                             part.append(group)
                     case ["g"] | ["o"]:
-                        group = words[1] if len(words) > 1 else BODY
+                        group = words[1] if len(words) > 1 else SKIN
             except (ValueError, IndexError) as error:
                 raise ValueError(f"line {number} ({line[:60].strip()!r}) is not understood: {error}") from None
     return _assemble(vertices, faces, uv_vertices, uv_faces, part)
@@ -132,7 +132,7 @@ def _read_ply(path: Path) -> Template:
         vertices = np.asarray(mesh.vertices, float).reshape(-1, 3)
     except Exception as error:  # noqa: BLE001  trimesh raises whatever a hostile file makes it
         raise ValueError(f"cannot be read as PLY ({type(error).__name__}: {error})") from None
-    return _assemble(vertices.tolist(), faces.tolist(), [], [], [BODY] * len(faces))
+    return _assemble(vertices.tolist(), faces.tolist(), [], [], [SKIN] * len(faces))
 
 
 def _check_ply_counts(path: Path) -> None:

@@ -17,6 +17,7 @@ from tasks.capture.demo.garments import Garment, Sampling, locate
 from tasks.capture.template import Template
 from tasks.geometry.distances import closest_points
 from tasks.geometry.meshes import edges, submesh
+from tasks.geometry.parts import SKIN
 
 Array = NDArray[np.float64]
 
@@ -38,8 +39,8 @@ def scan(
 ) -> Scan:
     """Template of frame 0. fine, coarse: the garments as simulated and as scanned; worn: simulated vertices [V, 3] m of frame 0."""
     x, faces, place = _skin(actor)
-    parts = [("body", x, faces, *box_charts(x, faces))]
-    places = {"body": place}
+    parts = [(SKIN, x, faces, *box_charts(x, faces))]
+    places = {SKIN: place}
     for name, garment in coarse.items():
         places[name] = locate(garment, fine[name])
         parts.append((name, places[name].of(worn[name]), garment.faces, garment.uv_vertices, garment.uv_faces))
