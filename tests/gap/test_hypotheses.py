@@ -161,8 +161,8 @@ def test_bounded_is_the_least_of_all_points_in_the_box():
         B = rng.standard_normal((4, 3))
         A, b = B.T @ B + 0.05 * np.eye(3), 2 * rng.standard_normal(3)
         θ = bounded(A, b, np.zeros(3), np.ones(3))
-        least, *others = (0.5 * np.einsum("...i,ij,...j->...", x, A, x) - x @ b for x in (θ, grid))
-        assert (θ >= 0).all() and (θ <= 1).all() and least <= np.min(others) + 1e-12
+        least, others = (0.5 * np.einsum("...i,ij,...j->...", x, A, x) - x @ b for x in (θ, grid))
+        assert (θ >= 0).all() and (θ <= 1).all() and least <= others.min() + 1e-12
 
 
 def test_a_strength_that_the_mesh_feigns_as_well_claims_half_of_what_it_might():
