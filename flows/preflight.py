@@ -7,6 +7,7 @@ from typing import Any
 from flows.pipeline import STAGES
 from tasks.capture.recording import Recording
 from tasks.capture.template import Template, read_template
+from tasks.cloth.tracked_scene import FEWEST_FRAMES
 from tasks.geometry.faults import BadInput, Fault, refuse
 from tasks.geometry.parts import SKIN
 
@@ -45,6 +46,9 @@ def _surface(recording: Recording, template: Template | None, wanted: list[str])
         remedy = "Give template/template.obj the garments' faces by name (g skirt, g top …), or stop earlier: --until skinning."
         what = "there is no template" if template is None else "its template has no part but 'body'"
         raise BadInput([Fault(where, f"{what}: no garment to simulate", remedy)])
+    if "cloth" in wanted and len(recording.frames) < FEWEST_FRAMES:
+        remedy = f"Record at least {FEWEST_FRAMES}, or stop earlier: --until skinning."
+        raise BadInput([Fault(where, f"{len(recording.frames)} frames tell nothing of how cloth moves", remedy)])
 
 
 def _detector(settings: Any) -> None:

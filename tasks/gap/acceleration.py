@@ -1,8 +1,15 @@
-"""Missing acceleration: the force per mass [m/s²] that a model lacks, told in two ways.
+"""Missing acceleration: the force per mass [m/s²] that a model lacks, told in three ways.
 
-By vertex, without any smoothness: in a window that starts from a corrected state, what is missing moves a vertex by ½ a t². a is the least-squares fit of
-that parabola to a field of displacements over the window; its standard deviation from the noise is σ/√Σ(½t²)². Cloth spreads a force to its neighbours within
-the window, and noise of a millimetre makes accelerations of 1 m/s².
+Of effects at strengths θ: what they add where cloth is and as it moves, before it has answered. From the state of a frame one implicit step of h = `STEP_S` is
+made, whose tangent is
+
+    a = θ ∂v(h)/∂θ / h,    (M + h D + h² K) ∂v/∂θ = h ∂f/∂θ
+
+so that a force spreads no farther than stretch travels in 2 ms, an edge or so, where within a window it would be all over the cloth.
+
+Without a name, by vertex and without any smoothness: in a window that starts from a corrected state, what is missing moves a vertex by ½ a t². a is the
+least-squares fit of that parabola to a field of displacements over the window; its standard deviation from the noise is σ/√Σ(½t²)². Cloth spreads a force to its
+neighbours within the window, and noise of a millimetre makes accelerations of 1 m/s².
 
 As weak-constraint forcing (Trémolet 2006), smooth over the cloth: with the windows' normal equations, start state and numerics integrated out, and base
 parameters and effects at θ, the coefficients of `cloth/forcing.py` are
@@ -12,16 +19,23 @@ parameters and effects at θ, the coefficients of `cloth/forcing.py` are
 Source: as said. Limits: constant over a window; no finer than the forcing's modes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS, Evidence
-from tasks.cloth.windows import columns_of
+from tasks.cloth.shooting import PARAMETERS, Evidence, Map
+from tasks.cloth.start_state import States
+from tasks.cloth.windows import Recording, Window, columns_of, smooth
+from tasks.effects.effect import Motion
+from tasks.effects.model import Model
+from tasks.gap.gathered import Gathered
 from tasks.gap.hypotheses import Fitted, Windows
 
 Array = NDArray[np.float64]
+
+STEP_S = 2e-3
 
 
 def fitted_acceleration(displacement: Array, fps: float) -> Array:
@@ -38,10 +52,29 @@ def residual_acceleration(evidence: Sequence[Evidence], fps: float) -> Array:
     return _rms([fitted_acceleration(e.residual, fps) for e in evidence if e.prediction.complete])
 
 
-def effect_acceleration(evidence: Sequence[Evidence], named: Fitted, fps: float) -> Array:
-    """The same of what the named effects add, at their estimated strengths [V] m/s²."""
-    fields = [sum(θ * e.prediction.columns[c] for c, θ in named.strengths.items()) for e in evidence if e.prediction.complete]
-    return _rms([fitted_acceleration(d, fps) for d in fields])
+def effect_acceleration(model: Model, data: Gathered, strengths: Mapping[str, float], run: Map = map) -> Array:
+    """Root mean square over frames of windows of what the model's effects add at `strengths`, column -> θ, where they push or hold cloth [V] m/s²; zero at driven
+    vertices, NaN without any frame. data: with states that the model's body allows."""
+    jobs = [(model, data.recordings[w.recording], data.states[w.recording], w, strengths) for w in data.windows]
+    fields = [a for of in run(_added, jobs) for a in of]
+    return _rms(fields) if fields else np.full(len(model.subject.cloth.x_rest), np.nan)
+
+
+def _added(job: tuple[Model, Recording, States, Window, Mapping[str, float]]) -> list[Array]:
+    """a [V, 3] m/s² at every other frame of a window from which a step can be made."""
+    model, recording, states, window, strengths = job
+    n = max(1, round(1 / (STEP_S * model.subject.fps)))
+    fps = n * model.subject.fps
+    fine = replace(recording.scene(model), settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=fps))
+    motion, found = smooth(recording.cut(window.frames).motion, n), []
+    for t in range(0, min(window.length, len(states.x) - window.start), 2):
+        ahead, k = slice(t * n, t * n + 2), window.start + t
+        *_, last = fine.run(Motion(motion.collider[ahead], motion.boundary[ahead]), states.x[k], states.v[k], columns=True)
+        if last.index == 1 and last.converged:
+            a = fps * sum(θ * last.tangents[c][1] for c, θ in strengths.items())
+            a[model.subject.cloth.boundary] = 0.0
+            found.append(a)
+    return found
 
 
 def nameless_acceleration(windows: Windows, fitted: Fitted, φ: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tasks.cloth.shooting import Evidence
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
-from tasks.gap.acceleration import effect_acceleration, nameless_acceleration
+from tasks.gap.acceleration import nameless_acceleration
 from tasks.gap.budget import Item, budget
 from tasks.gap.confusability import Confusability, confusability
 from tasks.gap.constancy import Constancy, by_speed, by_window, by_zone, speeds
@@ -46,8 +46,9 @@ class Splits:
 class Account:
     """All but the answer itself.
 
-    residual_mm [V]; missing [V] m/s², the nameless forcing beside the base, and its deviation [V]; added [V] m/s² by the named effect (None without
-    one); constancy: grouping -> effect; rivals: effect -> grouping; fields of `screened` are None or empty where nothing could be tested.
+    residual_mm [V]; missing [V] m/s², the nameless forcing beside the base, and its deviation [V]; added [V] m/s² by the named effect (None without one, or
+    where it only changes what is seen); constancy: grouping -> effect; rivals: effect -> grouping; fields of `screened` are None or empty where nothing could be
+    tested.
     """
 
     items: tuple[Item, ...]
@@ -84,7 +85,7 @@ def account(found: Diagnosis, recordings: Sequence[Recording]) -> Account:
         residual_mm=residual,
         missing=np.sqrt(np.mean(np.sum(mean**2, -1), 0)),
         deviation=np.sqrt(np.mean(np.sum(deviation**2, -1), 0)),
-        added=effect_acceleration(s.evidence, linear, fps) if linear else None,
+        added=found.added,
         splits=_splits(found, s, linear),
         evidence=s.evidence,
         stretches=shown,

@@ -1,9 +1,10 @@
 """The gap as a budget: what the base refit, the discretisation and the named effects take from the misfit, and what is left.
 
 Misfit is r_wᵀ C_w⁻¹ r_w per compared coordinate over the training windows: white noise of the stated size gives about 1. Every step is
-judged on windows that its strengths were not fitted on. The steps and the rest add up to the misfit before anything was fitted.
+judged on windows that its strengths were not fitted on. The steps and the rest add up to the misfit before all windows were fitted.
 
-Limits: the misfit at the start is taken with the start states' prior of that moment, which may be wider than the final one.
+Limits: the first bar begins where the rough refit on a few windows ends (`screening.roughly_refitted`), for only from there on are all windows followed, and with
+the start states' prior of that moment, which may be wider than the final one.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ class Item:
 
 
 def budget(screened: Screened, named: Fitted | None) -> tuple[Item, ...]:
-    """From the base before its refit down to the noise; `named` after its refit with the simulator, or None."""
+    """From the base before its refit on all windows down to the noise; `named` after its refit with the simulator, or None."""
     w = screened.windows
     count = sum(n.n for n in w.normals)
     start = screened.base.history[0]["misfit"]

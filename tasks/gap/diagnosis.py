@@ -25,10 +25,10 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restated, split, unwrinkled
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restarted, restated, split, unwrinkled
 from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import comes_nearer, corrected_model
+from tasks.gap.refits import Refitted, comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
 from tasks.gap.trials import Trials
@@ -43,10 +43,11 @@ FOLLOWED = 0.75  # share of the windows
 class Diagnosis:
     """The answer and what it rests on.
 
-    before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; vertex_accel [V] m/s²; frame_mm [T] of the
-    first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one;
-    base, replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen: with the named
-    effect, unless whole recordings replayed with it came less near than the base's.
+    before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; residual_accel [V] m/s²: what is missing in
+    the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth; frame_mm [T] of the first recording;
+    parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one; base, replayed: the base that comes
+    nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen: with the named effect, unless whole recordings replayed
+    with it came less near than the base's.
     """
 
     verdict: Verdict
@@ -54,7 +55,8 @@ class Diagnosis:
     before: Array
     after: Array
     zone: NDArray[np.str_]
-    vertex_accel: Array
+    residual_accel: Array
+    added: Array | None
     frame_mm: Array
     parameters: dict[str, dict[str, Any]]
     base: Model
@@ -64,6 +66,11 @@ class Diagnosis:
     pairs: tuple[Fitted, ...] = ()
     replayed: Replayed | None = None
     floor_mm: float = np.nan
+
+    @property
+    def vertex_accel(self) -> Array:
+        """Missing acceleration [V] m/s², of what is named if that acts on cloth."""
+        return self.residual_accel if self.added is None else self.added
 
 
 def diagnose(
@@ -140,7 +147,6 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
     screened, verdict = trials.screened, found.verdict
     model, fps = screened.base.model, screened.base.model.subject.fps
     named = found.named
-    accel = residual_acceleration(screened.evidence, fps) if named is None else effect_acceleration(named.evidence, verdict.named, fps)
     final = trials.base if named is None or not comes_nearer(named, trials.replayed) else corrected_model(named)
     before, after = (np.concatenate([e.residual for e in each if e.residual is not None]) for each in (found.before, found.after))
     frame_mm = _by_frame(screened.evidence, train)
@@ -150,7 +156,8 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
         before,
         after,
         model.subject.zone,
-        accel,
+        residual_acceleration(screened.evidence, fps),
+        None if named is None else _added(trials, named),
         frame_mm,
         ratios(screened),
         trials.base,
@@ -161,6 +168,13 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
         trials.replayed,
         floor_mm(screened.evidence, train.recordings),
     )
+
+
+def _added(trials: Trials, named: Refitted) -> Array | None:
+    """[V] m/s² on the training windows, by those of the effects that do not only change what is seen; None without any."""
+    model, acting = corrected_model(named), [e for e in named.hypothesis.effects if "observe" not in e.acts_through]
+    strengths = {c: named.hypothesis.strengths[c] for e in acting for c in e.columns}
+    return effect_acceleration(model, restarted(model, trials.train, trials.run), strengths, trials.run) if acting else None
 
 
 def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
@@ -191,4 +205,6 @@ def _unanswered(model: Model, recordings: Sequence[Recording], reason: str) -> D
     ranking = (Candidate(("none",), 0.5), Candidate(("outside_library",), 0.5))
     verdict = Verdict("not_testable", None, (), 1.0, ranking, reason)
     gap = Shrinkage(np.nan, np.nan, np.nan, None, None, None, False)
-    return Diagnosis(verdict, gap, nothing, nothing, model.subject.zone, np.full(V, np.nan), np.full(T, np.nan), {}, model, model, None)
+    return Diagnosis(
+        verdict, gap, nothing, nothing, model.subject.zone, np.full(V, np.nan), None, np.full(T, np.nan), {}, model, model, None
+    )

@@ -18,9 +18,9 @@ FLAT = 0.9  # cosine between normals of faces that count as coplanar
 
 
 def flip(vertices: Array, faces: Indices, corners: Array | None = None) -> tuple[Indices, Array | None]:
-    """Faces [F, 3] of the vertices [V, 3] m with other diagonals, and the values [F, 3, K] of the corners (None: none) at theirs.
+    """Faces [F, 3] of the vertices [V, 3] m with other diagonals, and the pattern's places [F, 3, 2] m of their corners (None: no pattern).
 
-    Edges along which corners of the two faces differ (seams of a pattern) stay.
+    Edges along which corners of the two faces differ (seams) stay, and diagonals that do not cross in the pattern, where worn cloth may have other shapes.
     """
     found, values = faces.copy(), None if corners is None else corners.copy()
     taken, there = np.zeros(len(faces), bool), {tuple(e) for e in np.sort(edges(faces), 1).tolist()}
@@ -32,11 +32,28 @@ def flip(vertices: Array, faces: Indices, corners: Array | None = None) -> tuple
             one, two = dict(zip(faces[i].tolist(), corners[i], strict=True)), dict(zip(faces[j].tolist(), corners[j], strict=True))
             if not (np.allclose(one[a], two[a]) and np.allclose(one[b], two[b])):
                 continue
+            if not _cross(one[a], one[b], one[c], two[d]):
+                continue
             values[i], values[j] = (one[a], two[d], one[c]), (two[d], one[b], one[c])
         found[i], found[j] = (a, d, c), (d, b, c)
         taken[[i, j]] = True
         there.add(other)
     return found, values
+
+
+def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+    """Whether c → d crosses a → b in the plane, so far from its ends as `INSIDE` says."""
+    left, right = (_twice_area(a, b, p) for p in (c, d))
+    if left * right >= 0:
+        return False
+    at = c + left / (left - right) * (d - c)
+    share = float((at - a) @ (b - a) / ((b - a) @ (b - a)))
+    return INSIDE < share < 1 - INSIDE
+
+
+def _twice_area(a: Array, b: Array, c: Array) -> float:
+    """Of a triangle in the plane, negative where it is seen from behind."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _candidates(x: Array, faces: Indices) -> Indices:

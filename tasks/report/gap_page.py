@@ -94,8 +94,8 @@ def _where(found: Diagnosis, told: Account) -> Section:
         shown["added by the named effect"] = (told.added, "rms m/s²")
     x = told.evidence[0].prediction.x[0]
     caption = (
-        "Residual of the compared windows before the effect; force per mass that would close the training windows' residual, most of which the cloth's own "
-        "stiffness takes up; grey: not seen."
+        "Residual of the compared windows before the effect. Nameless forcing: force per mass that would close the training windows' residual, most of which the "
+        "cloth's own stiffness takes up. Added: by the named effect, where the cloth is and as it moves. Grey: not seen."
     )
     rows = [_split_row(s) for s in told.splits]
     names = list(told.splits[0].before)

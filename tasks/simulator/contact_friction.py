@@ -29,7 +29,7 @@ class ContactFriction(Potential):
     def __init__(self, barrier: ContactBarrier, *, collider: float, cloth: float, velocity: float) -> None:
         """Coefficients against the collider and among cloth; velocity ε_v [m/s] below which friction is smoothed."""
         self.barrier, self.collider, self.cloth, self.velocity = barrier, collider, cloth, velocity
-        self._lag: tuple[Step, float, float, ipctk.TangentialCollisions] | None = None
+        self._lag: tuple[Step, ipctk.TangentialCollisions] | None = None
 
     @override
     def energy(self, x: Array, step: Step) -> float:
@@ -81,8 +81,8 @@ class ContactFriction(Potential):
 
     def _pairs(self, step: Step) -> ipctk.TangentialCollisions:
         if self._lag is None or self._lag[0].x_n is not step.x_n or self._lag[0].s != step.s:
-            self._lag = (step, self.collider, self.cloth, self._build(step, self.collider, self.cloth))
-        return self._lag[3]
+            self._lag = (step, self._build(step, self.collider, self.cloth))
+        return self._lag[1]
 
     def _build(self, step: Step, collider: float, cloth: float) -> ipctk.TangentialCollisions:
         surface, X_n = self.barrier.surface, self._lagged(step)

@@ -162,6 +162,7 @@ NOTHING_TO_WORK_ON = {
     "no surface": (without("template", "1x/masks"), "tracking", "neither a template nor a mask"),
     "no template, garments wanted": (without("template"), "cloth", "no template: no garment"),
     "no garment": (without(), "report", "no part but 'body'"),
+    "two frames of a garment": (lambda f: template(f, "f 1 2 4", "g skirt\nf 1 2 4"), "cloth", "2 frames tell nothing of how cloth moves"),
 }
 
 

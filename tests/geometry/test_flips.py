@@ -47,3 +47,15 @@ def test_a_pair_that_is_bent_or_not_convex_keeps_its_diagonal():
     dart[3, 0] = -1.5
     assert np.array_equal(flip(bent, faces)[0], faces)
     assert np.array_equal(flip(dart, faces)[0], faces)
+
+
+def test_a_diagonal_that_does_not_cross_in_the_pattern_stays():
+    """Worn cloth is shaped otherwise than its pattern: a pair that is convex on the body may be a dart on the table."""
+    worn = np.array([[0, 0, 0], [2, 0, 0], [1, 1, 0], [1, -1, 0]], float)
+    faces = np.array([[0, 1, 2], [1, 0, 3]], np.int32)
+    table = worn[:, :2].copy()
+    assert not np.array_equal(flip(worn, faces, table[faces])[0], faces)
+    table[3] = [-1.5, -1.0]
+    found, places = flip(worn, faces, table[faces])
+    np.testing.assert_array_equal(found, faces)
+    np.testing.assert_array_equal(places, table[faces])

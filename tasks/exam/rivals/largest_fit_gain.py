@@ -10,14 +10,12 @@ Source: Wilks 1938 (likelihood ratio), white noise taken at its word.
 
 from dataclasses import replace
 
-import numpy as np
-
-from tasks.cloth.shooting import Evidence, follow, summed, without_nuisances
+from tasks.cloth.shooting import follow, summed, without_nuisances
 from tasks.cloth.state_modes import smooth_modes
-from tasks.exam.rivals.linear_fit import Fit, applied, column_names, fit
-from tasks.exam.rivals.rival import NONE, Array, Case, Reply, Rival
-from tasks.gap.acceleration import fitted_acceleration
-from tasks.gap.gathered import jobs
+from tasks.exam.rivals.linear_fit import applied, column_names, fit
+from tasks.exam.rivals.rival import NONE, Case, Reply, Rival
+from tasks.gap.acceleration import effect_acceleration
+from tasks.gap.gathered import jobs, restarted
 from tasks.gap.screening import MODES
 
 
@@ -32,20 +30,14 @@ def largest_fit_gain(case: Case) -> Reply:
     singles = [fit(A, b, case.effects, [effect]) for effect in case.effects]
     weight = {NONE: 0.0} | {single.names: (single.gain - nothing.gain) / 2 for single in singles}
     best = max([nothing, *singles], key=lambda found: found.gain)
+    after = applied(base.model, best.effects, best.base, best.strengths)
     return Reply(
         weight,
         before=base.model,
-        after=applied(base.model, best.effects, best.base, best.strengths),
+        after=after,
         deviation=best.deviation,
-        vertex_accel=_added(evidence, best, case.model.subject.fps) if best.effects else None,
+        vertex_accel=effect_acceleration(after, restarted(after, data, case.run), best.by_column, case.run) if best.effects else None,
     )
-
-
-def _added(evidence: list[Evidence], found: Fit, fps: float) -> Array:
-    """Root mean square acceleration [V] m/s² over windows that the effects add."""
-    θ = {c: value for e in found.effects for c, value in zip(e.columns, found.strengths[e.name], strict=True)}
-    fields = [sum(value * e.prediction.columns[c] for c, value in θ.items()) for e in evidence]
-    return np.sqrt(np.mean([np.sum(fitted_acceleration(field, fps) ** 2, 1) for field in fields], 0))
 
 
 RIVAL = Rival(

@@ -38,6 +38,11 @@ class Fit:
         """Of the effects."""
         return tuple(e.name for e in self.effects)
 
+    @property
+    def by_column(self) -> dict[str, float]:
+        """column -> strength."""
+        return {c: float(θ) for e in self.effects for c, θ in zip(e.columns, self.strengths[e.name], strict=True)}
+
 
 def column_names(effects: Sequence[Effect]) -> list[str]:
     """Base parameters, then every column of every effect."""
