@@ -6,8 +6,14 @@
 make log E scatter by what is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another size hides there behind start states and
 forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have the say.
 
-Source: Tarantola 2005, § 3.2 (a Gaussian prior and linear data). Limits: derivatives over seconds of cloth may lead anywhere, so that a joint estimate counts
-only where a replay with it comes nearer.
+Derivatives over seconds of cloth may lead anywhere, or nowhere: large ones that have nothing to do with what is left hold a strength wherever it was simulated.
+So estimates are replayed, and compare by what they then are
+
+    Q(θ) = ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n/2 log E(θ)
+
+of which the above is the first step from E₁.
+
+Source: Tarantola 2005, § 3.2 (a Gaussian prior and linear data).
 """
 
 from collections.abc import Mapping
@@ -45,6 +51,13 @@ def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float
         strengths=dict(zip(columns, map(float, θ[p:]), strict=True)),
         covariance=C[p:, p:] + doubt,
     )
+
+
+def disagreement(asked: Fitted, windows: Fitted, off: float) -> float:
+    """Q of an estimate with which replays end `off` [m²]."""
+    δ, η = asked.base - windows.base, np.array([asked.strengths[c] - θ for c, θ in windows.strengths.items()])
+    apart = sum(d @ np.linalg.pinv(C, hermitian=True) @ d for d, C in ((δ, windows.base_covariance), (η, windows.covariance)))
+    return float(0.5 * apart + 0.5 * DEGREES * np.log(off))
 
 
 def foretold(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, float] = NOWHERE) -> tuple[Fitted, float]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.cloth.numerics import corrected, with_tangents
 from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, without_state
@@ -15,11 +16,13 @@ from tasks.gap.feigned import without_doubts
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
-from tasks.gap.joint_estimate import foretold, joint
+from tasks.gap.joint_estimate import disagreement, foretold, joint
 from tasks.gap.observed_lengths import SCALES, observed_scale
-from tasks.gap.replay import Replay, Replayed, mean, mean_normals, nearer, parted, replayed_by, supported
+from tasks.gap.replay import Replay, Replayed, lost, mean, mean_normals, parted, replayed_by, supported
 from tasks.gap.screening import MODES, Screened
 from tasks.gap.verdict import TEMPER, Twins
+
+Array = NDArray[np.float64]
 
 FAR, FAR_FABRIC = 0.1, 0.25  # change of the leading strength, and of a stiffness' logarithm, by a refit that is worth another one
 WORTH = 1.0  # least evidence of one that is,
@@ -69,8 +72,9 @@ def refitted(
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:
     """The same as windows and whole recordings together ask for it, weighed by how its replays compare with the base's.
 
-    It is replayed as it was simulated; where what is asked for is far from that, so once more, and counts if it comes nearer. beside: of two causes the first
-    alone, as it was simulated: the second is weighed by how replays of both compare with that one's.
+    It is replayed as it was simulated; where what both together ask for is far from that, so once more, and where what windows alone ask for is far from either, so
+    too. Of these the one counts with which windows and replays disagree least (`joint_estimate.py`). beside: of two causes the first alone, as it was simulated: the
+    second is weighed by how replays of both compare with that one's.
     """
     if named.windows is None:
         return named
@@ -78,11 +82,22 @@ def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run
     told = mean_normals(here)
     if told is None:
         return named
-    found = replace(named, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin), replays=here, told=told)
-    if moved_on(found):
-        there = replayed_by(corrected_model(found), base, data, run)
-        found = replace(found, replays=there) if nearer(there, here) else replace(named, replays=here, told=told)
+    alone = replace(named, replays=here, told=told)
+    together = replace(alone, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin))
+    found = alone if moved_on(together) else together
+    for asked in (together, alone) if _apart(together.hypothesis, alone.hypothesis) else (together,):
+        if moved_on(asked):
+            there = replace(asked, replays=replayed_by(corrected_model(asked), base, data, run))
+            found = there if _agrees_more(there, found, named.hypothesis) else found
     return replace(found, hypothesis=replace(found.hypothesis, support=_support(found, base, beside)))
+
+
+def _agrees_more(one: Refitted, other: Refitted, windows: Fitted) -> bool:
+    """Whether windows and replays disagree less about it, and no replay was lost."""
+    if lost(one.replays, other.replays):
+        return False
+    mine, theirs = (disagreement(each.hypothesis, windows, each.replayed.gap) for each in (one, other))
+    return mine < theirs
 
 
 def _support(named: Refitted, base: Sequence[Replay | None], beside: Refitted | None) -> float:
@@ -119,8 +134,21 @@ def foretold_beside(named: Refitted, pair: Fitted) -> tuple[Fitted, float]:
 def moved_on(named: Refitted) -> bool:
     """Whether strengths or fabric after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
     before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
-    after = np.concatenate([named.hypothesis.θ(e) / e.typical for e in named.hypothesis.effects])
-    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after) or np.abs(named.hypothesis.base).max() > FAR_FABRIC)
+    return _far(before, _sizes(named.hypothesis), named.hypothesis.base)
+
+
+def _apart(one: Fitted, other: Fitted) -> bool:
+    """Whether two estimates of one hypothesis are as far from one another."""
+    return _far(_sizes(one), _sizes(other), other.base - one.base)
+
+
+def _sizes(h: Fitted) -> Array:
+    """Strengths, in typical ones."""
+    return np.concatenate([h.θ(e) / e.typical for e in h.effects])
+
+
+def _far(before: Array, after: Array, fabric: Array) -> bool:
+    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after) or np.abs(fabric).max() > FAR_FABRIC)
 
 
 def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike: Twins) -> list[Fitted]:

@@ -145,8 +145,12 @@ def _known(model: Model, base: Sequence[Replay | None], data: Gathered, run: Map
 
 def nearer(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> bool:
     """Whether replays come nearer than others of the same recordings, and none was lost."""
-    lost = any(a is None and b is not None for a, b in zip(one, other, strict=True))
-    return not lost and mean(one).gap < mean(other).gap
+    return not lost(one, other) and mean(one).gap < mean(other).gap
+
+
+def lost(one: Sequence[Replay | None], other: Sequence[Replay | None]) -> bool:
+    """Whether one of the recordings that others replay could not be replayed."""
+    return any(a is None and b is not None for a, b in zip(one, other, strict=True))
 
 
 def mean(each: Sequence[Replay | None]) -> Replayed:

@@ -84,29 +84,43 @@ def test_only_what_came_nearer_over_whole_recordings_predicts_others():
 
 
 @pytest.mark.parametrize(
-    ("asks", "comes", "kept", "runs"), [(0.31, None, 0.31, 1), (0.6, 1e-6, 0.6, 2), (0.6, 9e-6, 0.3, 2), (0.6, np.nan, 0.3, 2)]
+    ("windows", "sd", "together", "come", "kept"),
+    [
+        (0.3, 0.1, 0.31, [], 0.31),  # near what was simulated
+        (0.3, 0.1, 0.6, [1e-6], 0.6),  # comes nearer
+        (0.3, 0.1, 0.6, [9e-6], 0.3),
+        (0.3, 0.1, 0.6, [np.nan], 0.3),  # lost
+        (0.3, 0.01, 0.6, [1e-6], 0.3),  # comes nearer by less than windows are sure of
+        (0.6, 0.1, 0.31, [1e-6], 0.6),  # held where it was simulated, by derivatives that lead nowhere
+        (0.6, 0.2, 0.31, [9e-6], 0.31),
+        (0.6, 0.01, 0.31, [9e-6], 0.6),  # further off by less than windows are sure of
+        (0.6, 0.1, 0.31, [np.nan], 0.31),
+        (0.9, 0.5, 0.6, [1e-6, 2e-6], 0.6),
+        (0.9, 0.5, 0.6, [2e-6, 1e-6], 0.9),
+        (0.9, 0.5, 0.6, [9e-6, 9e-6], 0.9),  # windows alone, beside the replay as it was simulated
+    ],
 )
-def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_was_simulated(monkeypatch, asks, comes, kept, runs):
-    """Simulated at 0.3, replays then 4 mm² off; the joint estimate counts where it is near that or comes nearer, not where a replay is lost."""
+def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_was_simulated(
+    monkeypatch, windows, sd, together, come, kept
+):
+    """Simulated at 0.3, replays then 4 mm² off; windows ask for 0.3 to 0.9 ± sd, they and replays together for something else, of which further replays `come`."""
     h = ranked({"contact_friction": 0.3})[0]
-    at = replace(h, strengths=dict.fromkeys(h.strengths, 0.3), base=np.zeros(2))
+    asking = replace(h, strengths=dict.fromkeys(h.strengths, windows), covariance=np.array([[sd**2]]), base=np.zeros(2))
     model = SimpleNamespace(strength=lambda e: np.array([0.3]))
-    simulated = Refitted(at, model, (), SimpleNamespace(origin={}))
-    todo = iter([4e-6, comes])
+    todo, told = iter([4e-6, *come]), []
 
     def replays(*_, **__):
         told.append(next(todo))
         return (None if np.isnan(told[-1]) else replay(Replayed(told[-1], 1e-6, 20e-6)),)
 
-    told = []
     monkeypatch.setattr(refits, "replayed_by", replays)
     monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
-    monkeypatch.setattr(refits, "joint", lambda windows, *_: replace(windows, strengths=dict.fromkeys(windows.strengths, asks)))
+    monkeypatch.setattr(refits, "joint", lambda h, *_: replace(h, strengths=dict.fromkeys(h.strengths, together)))
     monkeypatch.setattr(refits, "corrected_model", lambda _: None)
-    found = refits.replayed(simulated, (replay(Replayed(8e-6, 1e-6)),), None)
-    assert found.hypothesis.strengths == dict.fromkeys(h.strengths, kept) and len(told) == runs
-    best = np.nanmin(told)
-    assert found.replayed.gap == best and found.hypothesis.support == supported(Replayed(8e-6, 1e-6), Replayed(best, 1e-6, 20e-6)) > 0
+    found = refits.replayed(Refitted(asking, model, (), SimpleNamespace(origin={})), (replay(Replayed(8e-6, 1e-6)),), None)
+    assert found.hypothesis.strengths == dict.fromkeys(h.strengths, kept) and len(told) == 1 + len(come)
+    assert found.replayed.gap in told
+    assert found.hypothesis.support == supported(Replayed(8e-6, 1e-6), Replayed(found.replayed.gap, 1e-6, 20e-6))
 
 
 @pytest.mark.parametrize("first", [5.0, None])

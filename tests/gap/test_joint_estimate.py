@@ -9,7 +9,7 @@ from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.joint_estimate import DEGREES, foretold, joint
+from tasks.gap.joint_estimate import DEGREES, disagreement, foretold, joint
 from tasks.gap.replay import Replayed, supported
 
 TILT = library()["gravity_tilt"]
@@ -51,6 +51,16 @@ def test_between_them_it_is_the_least_squares_of_both():
     A = np.vstack([np.diag(1 / sd), L.T, np.diag(1 / ridge)])
     b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * DEGREES / FLOOR), np.zeros(4)])
     np.testing.assert_allclose(values(joint(h, n, FLOOR)), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
+
+
+def test_the_first_step_lessens_what_they_disagree_by():
+    """Where replays are quadratic the joint estimate is the least of Q with E₁ in its denominator: from E₁ it goes down, and its slope there is the same."""
+    h, n = replace(fitted(0.1), base=np.zeros(2), strengths=dict.fromkeys(TILT.columns, 0.0)), told()
+    E = lambda θ: n.c - 2 * n.g @ θ + θ @ n.G @ θ  # noqa: E731
+    Q = lambda θ: disagreement(replace(h, base=θ[:2], strengths=dict(zip(TILT.columns, θ[2:]))), h, E(θ))  # noqa: E731
+    assert Q(values(joint(h, n, n.c))) < Q(np.zeros(4))
+    slope = [(Q(1e-6 * e) - Q(-1e-6 * e)) / 2e-6 for e in np.eye(4)]
+    np.testing.assert_allclose(slope, -n.g * DEGREES / n.c, rtol=1e-5)
 
 
 def test_far_from_the_recording_replays_say_little():
