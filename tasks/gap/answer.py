@@ -100,7 +100,7 @@ def _likelier(v: Verdict) -> str:
 
 def _closing(gap: Shrinkage) -> str:
     if gap.closed_fraction is None:
-        return ", with which motion kept out of the fit is likelier, though its gap is at the floor" if gap.held_out else ""
+        return ", though on motion kept out of the fit there is nothing to close" if gap.held_out else ""
     where = ""
     if gap.held_out:
         where = "on motion kept out of the fit, replayed in one run, " if gap.replayed else "on motion kept out of the fit "

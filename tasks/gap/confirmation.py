@@ -1,6 +1,6 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already, and no likelier with what leads, "none" is said, for nothing
-more is needed there, and what leads keeps its probability.
+nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there; then it is so many more windows, whose
+log likelihood ratio, over the dispersion φ of what leads (`hypotheses.py`), weighs that once more against "none".
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -22,7 +22,7 @@ from tasks.gap.refits import Refitted, corrected_model
 from tasks.gap.replay import SPREAD, Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES
 from tasks.gap.trials import Trials
-from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
+from tasks.gap.verdict import Verdict, abstained, first_alone, judge, once_more
 
 Array = NDArray[np.float64]
 
@@ -90,11 +90,14 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: b
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))
         gap = test.said(now.named, after)
-        if gap.shrinks:
-            return Confirmed(_because(reasons, now.verdict), now.named, test.before, after, gap, first.pairs)
+        at_floor, verdict = gap.closed_fraction is None and bool(np.isfinite(gap.after_mm)), now.verdict
+        if at_floor:
+            verdict = once_more(verdict, gap.log_ratio / max(w.dispersion for w in verdict.named.weights))
+        if verdict.named is not None if at_floor else gap.shrinks:
+            return Confirmed(_because(reasons, verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
-        if gap.closed_fraction is None and np.isfinite(gap.after_mm):
-            now = Decided(nothing_needed(now.verdict), None, None, ())  # what is at the floor says nothing against it either
+        if at_floor:
+            now = Decided(verdict, None, None, ())
             break
         trials.veto(now.verdict.named.effects)
         now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())

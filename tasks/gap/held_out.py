@@ -37,8 +37,9 @@ class Shrinkage:
     """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in
     windows, or in recordings replayed in one run.
 
-    falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a turn) is not even drawn in
-    a third of them, and there the fraction of what can be closed means nothing; so the interval is for reading, and `shrinks` decides.
+    log_ratio: at the floor, ℓ, the log likelihood of the windows after over before. falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0.
+    A cause that acts in one window of five (a touch, a turn) is not even drawn in a third of them, and there the fraction of what can be closed means nothing; so
+    the interval is for reading, and `shrinks` decides.
     """
 
     before_mm: float
@@ -50,6 +51,7 @@ class Shrinkage:
     held_out: bool
     falls: float = 0.0
     replayed: bool = False
+    log_ratio: float = 0.0
 
     @property
     def shrinks(self) -> bool:
@@ -60,7 +62,7 @@ class Shrinkage:
 def unchanged(gap: Shrinkage) -> Shrinkage:
     """The gap where nothing is named: after is as before."""
     nothing = None if gap.closed_fraction is None else 0.0  # for certain
-    return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0)
+    return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0, log_ratio=0.0)
 
 
 def floor_mm(evidence: Sequence[Evidence], recordings: Sequence[Recording]) -> float:
@@ -86,17 +88,20 @@ def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm
         gap = float(np.sqrt(alone[:, 0].sum() / alone[:, 1].sum())) if len(alone) else np.nan
         return Shrinkage(gap, np.nan, floor_mm, None, None, None, held_out)
     gap = fallen(np.array([[squared(b)[0], squared(a)[0], squared(b)[1]] for b, a in both]), floor_mm, held_out=held_out)
-    return gap if gap.closed_fraction is not None else replace(gap, falls=likelier(both, prior))
+    if gap.closed_fraction is not None:
+        return gap
+    ℓ = log_ratios(both, prior)
+    return replace(gap, falls=float((ℓ[_draws(len(ℓ))].sum(1) > 0).mean()), log_ratio=float(ℓ.sum()))
 
 
-def likelier(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> float:
-    """Share of bootstrap draws in which windows are likelier after than before."""
+def log_ratios(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> Array:
+    """ℓ [n] of windows before and after, each by its own misfit."""
     ℓ = []
     for pair in both:
         b, a = (without_state(e.normals, prior) for e in pair)
         s = max(1.0, min(b.c, a.c) / b.n)
         ℓ.append((b.c + b.logdet - a.c - a.logdet) / (2 * s))
-    return float((np.array(ℓ)[_draws(len(ℓ))].sum(1) > 0).mean())
+    return np.array(ℓ)
 
 
 def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False, closable: float = CLOSABLE) -> Shrinkage:

@@ -16,7 +16,7 @@ are chosen on open cases (README).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -181,6 +181,16 @@ def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:
 def abstained(verdict: Verdict) -> Verdict:
     """None, or outside the library, whichever is likelier, whatever else leads the ranking."""
     return _unnamed(next(c for c in verdict.ranking if c.fitted is None), verdict.ranking)
+
+
+def once_more(verdict: Verdict, log_ratio: float) -> Verdict:
+    """What leads weighed once more, by the log likelihood of motion that had no part in its weight, with it over without; "none" where it leads no more."""
+    first, *rest = verdict.ranking
+    grown = float(np.exp(TEMPER * log_ratio)) * first.probability
+    total = 1.0 - first.probability + grown
+    weighed = [replace(first, probability=grown / total), *(replace(c, probability=c.probability / total) for c in rest)]
+    now = replace(verdict, probability=weighed[0].probability, ranking=tuple(sorted(weighed, key=lambda c: -c.probability)))
+    return now if now.ranking[0] is weighed[0] else nothing_needed(now)
 
 
 def nothing_needed(verdict: Verdict) -> Verdict:

@@ -12,6 +12,7 @@ from tasks.gap.confirmation import CHANCES, confirmed, decided
 from tasks.gap.held_out import fallen
 from tasks.gap.refits import Refitted
 from tasks.gap.replay import Replay, Replayed
+from tasks.gap.verdict import TEMPER
 from tests.gap.test_held_out import PRIOR, evidence
 from tests.gap.test_hypotheses import EFFECTS
 from tests.gap.test_trials import Rehearsed
@@ -99,17 +100,34 @@ def test_motion_kept_out_that_the_base_cannot_follow_says_nothing(put):
     assert not found.gap.held_out and found.before is trials.screened.evidence and found.after is found.named.evidence
 
 
-def test_motion_that_is_at_its_floor_already_says_nothing(put):
-    before, _ = put({FRICTION: 20.0}, {}, kept=None, doubt=0.9)
-    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.05}, base=1.0, doubt=0.9)
-    assert after.verdict.kind == "none" and after.named is None and not trials.vetoed
-    assert after.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit there is nothing to close"
-    assert _of(after.verdict, FRICTION) == _of(before.verdict, FRICTION)
+def test_motion_that_is_at_its_floor_weighs_once_more_what_leads(put):
+    """By its log likelihood ratio over what windows are too sure by; what leads by more than that stays named."""
+    before, _ = put({FRICTION: 20.0}, {}, kept=None)
+    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0)
+    assert after.verdict.classes == ((FRICTION,),) and not trials.vetoed and after.gap.log_ratio < -1 and after.gap.closed_fraction is None
+    (weight,) = after.verdict.named.weights
+    odds = [_of(v, FRICTION) / _of(v, "none") for v in (before.verdict, after.verdict)]
+    assert odds[1] / odds[0] == pytest.approx(np.exp(TEMPER * after.gap.log_ratio / weight.dispersion), rel=1e-6)
+    assert sum(c.probability for c in after.verdict.ranking) == pytest.approx(1) and after.verdict.probability == _of(
+        after.verdict, FRICTION
+    )
+
+
+@pytest.mark.parametrize("worse", [1.01, 3.0])
+def test_at_its_floor_motion_that_needs_no_cause_says_none(put, worse):
+    """Though outside the library be likelier: there is nothing to explain."""
+    found, trials = put({FRICTION: 20.0}, {FRICTION: worse}, base=1.0, doubt=0.9)
+    assert found.verdict.ranking[0].names == ("outside_library",)
+    assert found.verdict.kind == "none" and found.named is None and not trials.vetoed
+    assert found.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit there is nothing to close"
+    assert _of(found.verdict, "none") == found.verdict.probability
 
 
 def test_at_its_floor_motion_that_is_likelier_with_a_cause_confirms_it(put):
-    found, _ = put({FRICTION: 20.0}, {FRICTION: 0.9}, base=1.0)
+    before, _ = put({FRICTION: 5.0}, {}, kept=None)
+    found, _ = put({FRICTION: 5.0}, {FRICTION: 0.9}, base=1.0)
     assert found.verdict.classes == ((FRICTION,),) and found.gap.closed_fraction is None and found.gap.falls > 0.9
+    assert found.verdict.probability > before.verdict.probability
 
 
 def _of(verdict, name):

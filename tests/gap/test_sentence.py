@@ -50,7 +50,7 @@ def test_a_name_at_the_floor_says_by_what_it_is_confirmed():
     gap = Shrinkage(2.6, 2.7, 2.8, None, None, None, True, 0.9)
     told = sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, ()), shrinkage=gap))
     assert told.endswith(
-        "(floor 2.8 mm); the cause is drag (probability 70%), with which motion kept out of the fit is likelier, though its gap is at the floor."
+        "(floor 2.8 mm); the cause is drag (probability 70%), though on motion kept out of the fit there is nothing to close."
     )
 
 
