@@ -90,13 +90,14 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: b
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))
         gap = test.said(now.named, after)
-        at_floor, verdict = gap.closed_fraction is None and bool(np.isfinite(gap.after_mm)), now.verdict
-        if at_floor:
+        verdict, confirms = now.verdict, gap.shrinks
+        if gap.at_floor:
             verdict = once_more(verdict, gap.log_ratio / max(w.dispersion for w in verdict.named.weights))
-        if verdict.named is not None if at_floor else gap.shrinks:
+            confirms = verdict.named is not None
+        if confirms:
             return Confirmed(_because(reasons, verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
-        if at_floor:
+        if gap.at_floor:
             now = Decided(verdict, None, None, ())
             break
         trials.veto(now.verdict.named.effects)
@@ -185,12 +186,11 @@ class _Test:
 
 def _windows_or_replays(inside: Shrinkage, replayed: Callable[[], Shrinkage | None]) -> Shrinkage:
     """Which of the two speaks."""
-    at_floor = inside.closed_fraction is None and bool(np.isfinite(inside.after_mm))
-    if inside.shrinks and not at_floor:
+    if inside.shrinks and not inside.at_floor:
         return inside
     whole = replayed()
     speaks = whole is not None and whole.closed_fraction is not None
-    return whole if speaks and (at_floor or whole.shrinks) else inside
+    return whole if speaks and (inside.at_floor or whole.shrinks) else inside
 
 
 def _over_floors(before: tuple[Array, Array], after: tuple[Array, Array]) -> list[float]:

@@ -54,6 +54,11 @@ class Shrinkage:
     log_ratio: float = 0.0
 
     @property
+    def at_floor(self) -> bool:
+        """Whether there is nothing to close, though both could be followed."""
+        return self.closed_fraction is None and bool(np.isfinite(self.after_mm))
+
+    @property
     def shrinks(self) -> bool:
         """Whether the gap became smaller, or the motion likelier, in most draws and, where there is something to close, by more than `LEAST` of that."""
         return (self.closed_fraction is None or self.closed_fraction > LEAST) and self.falls > 0.5

@@ -184,11 +184,12 @@ def abstained(verdict: Verdict) -> Verdict:
 
 
 def once_more(verdict: Verdict, log_ratio: float) -> Verdict:
-    """What leads weighed once more, by the log likelihood of motion that had no part in its weight, with it over without; "none" where it leads no more."""
-    first, *rest = verdict.ranking
-    grown = float(np.exp(TEMPER * log_ratio)) * first.probability
-    total = 1.0 - first.probability + grown
-    weighed = [replace(first, probability=grown / total), *(replace(c, probability=c.probability / total) for c in rest)]
+    """What leads weighed once more, by the log likelihood of motion that had no part in its weight, with it over without, and so whatever holds it; "none" where it
+    leads no more."""
+    leader = verdict.ranking[0]
+    holds = [c.fitted is not None and c.fitted.effects[0] == leader.fitted.effects[0] for c in verdict.ranking]
+    weight = [c.probability * (float(np.exp(TEMPER * log_ratio)) if h else 1.0) for c, h in zip(verdict.ranking, holds, strict=True)]
+    weighed = [replace(c, probability=w / sum(weight)) for c, w in zip(verdict.ranking, weight, strict=True)]
     now = replace(verdict, probability=weighed[0].probability, ranking=tuple(sorted(weighed, key=lambda c: -c.probability)))
     return now if now.ranking[0] is weighed[0] else nothing_needed(now)
 
