@@ -1,6 +1,6 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there; then it is so many more windows, whose
-log likelihood ratio, over the dispersion φ of what leads (`hypotheses.py`), weighs that once more against "none".
+nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there; then it is so many more windows, and what
+leads is weighed once more with them among those that teach.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -18,11 +18,11 @@ from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import Refitted, corrected_model
+from tasks.gap.refits import Refitted, corrected_model, weighed_with
 from tasks.gap.replay import SPREAD, Replay, base_replays, mean, parted, replayed_by
-from tasks.gap.screening import MODES
+from tasks.gap.screening import MODES, signatures
 from tasks.gap.trials import Trials
-from tasks.gap.verdict import Verdict, abstained, first_alone, judge, once_more
+from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
 
 Array = NDArray[np.float64]
 
@@ -90,15 +90,12 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: b
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))
         gap = test.said(now.named, after)
-        verdict, confirms = now.verdict, gap.shrinks
-        if gap.at_floor:
-            verdict = once_more(verdict, gap.log_ratio / max(w.dispersion for w in verdict.named.weights))
-            confirms = verdict.named is not None
-        if confirms:
-            return Confirmed(_because(reasons, verdict), now.named, test.before, after, gap, first.pairs)
+        weighed = test.weighed_once_more(now) if gap.at_floor else now.verdict
+        if weighed.named is not None and (gap.at_floor or gap.shrinks):
+            return Confirmed(_because(reasons, weighed), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
         if gap.at_floor:
-            now = Decided(verdict, None, None, ())
+            now = Decided(weighed, None, None, ())
             break
         trials.veto(now.verdict.named.effects)
         now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())
@@ -176,6 +173,25 @@ class _Test:
         if _windows_or_replays(inside, lambda: self.replayed(now.named, alone)).shrinks:
             return now, after
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
+
+    def weighed_once_more(self, now: Decided) -> Verdict:
+        """What is named, or of two causes the first, weighed by windows kept out too, and so whatever holds it; "none" where it leads no more."""
+        trials, first = self.trials, now.alone or now.named
+        trials.after[first.hypothesis.name] = weighed_with(first, trials.screened, self.kept, self._signatures, trials.run)
+        verdict, _ = _judged(trials)
+        if verdict.named is None or verdict.named.effects[0] != first.hypothesis.effects[0]:
+            return nothing_needed(verdict)
+        said = now.verdict.named
+        if len(verdict.named.effects) > len(said.effects):
+            return first_alone(verdict, said)
+        return replace(now.verdict, probability=verdict.probability, ranking=verdict.ranking)
+
+    @cached_property
+    def _signatures(self) -> tuple[Evidence, ...]:
+        """Of the windows that the base can follow, with the tangents of all effects."""
+        trials, followed = self.trials, [e for e in self.before if e.prediction.complete]
+        kept = self.kept.only(e.prediction.window for e in followed)
+        return signatures(trials.screened.base, kept, followed, trials.screened.windows.effects, trials.run, trials.tell)
 
     def _followed(self, model: Model) -> list[Evidence]:
         """Simulated from the start states that a model's body allows."""

@@ -6,7 +6,7 @@ n windows, Σ d_w/Σ m_w of falls d_w of m_w vertices; its interval is Student's
 
     D ± t_{n−1} s,    s² = n/(n − 1) Σ (d_w − D m_w)²/(Σ m_w)²
 
-At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses. There
+At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses. There the sign of
 
     ℓ = ½ Σ_w [J_w + log|C_w|]_before/s_w − [J_w + log|C_w|]_after/s_w,    C = R + S_z P S_zᵀ,    s_w = max(1, J_w/n_w) of the nearer of the two
 
@@ -37,7 +37,7 @@ class Shrinkage:
     """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in
     windows, or in recordings replayed in one run.
 
-    log_ratio: at the floor, ℓ, the log likelihood of the windows after over before. falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0.
+    falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0.
     A cause that acts in one window of five (a touch, a turn) is not even drawn in a third of them, and there the fraction of what can be closed means nothing; so
     the interval is for reading, and `shrinks` decides.
     """
@@ -51,7 +51,6 @@ class Shrinkage:
     held_out: bool
     falls: float = 0.0
     replayed: bool = False
-    log_ratio: float = 0.0
 
     @property
     def at_floor(self) -> bool:
@@ -67,7 +66,7 @@ class Shrinkage:
 def unchanged(gap: Shrinkage) -> Shrinkage:
     """The gap where nothing is named: after is as before."""
     nothing = None if gap.closed_fraction is None else 0.0  # for certain
-    return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0, log_ratio=0.0)
+    return replace(gap, after_mm=gap.before_mm, closed_fraction=nothing, low=nothing, high=nothing, falls=0.0)
 
 
 def floor_mm(evidence: Sequence[Evidence], recordings: Sequence[Recording]) -> float:
@@ -96,7 +95,7 @@ def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm
     if gap.closed_fraction is not None:
         return gap
     ℓ = log_ratios(both, prior)
-    return replace(gap, falls=float((ℓ[_draws(len(ℓ))].sum(1) > 0).mean()), log_ratio=float(ℓ.sum()))
+    return replace(gap, falls=float((ℓ[_draws(len(ℓ))].sum(1) > 0).mean()))
 
 
 def log_ratios(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> Array:

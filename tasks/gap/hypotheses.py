@@ -268,6 +268,10 @@ class Windows:
         doubt = np.array([np.hypot(self.feigned.get(c, 0.0), FORM * value) for c, value in strengths.items()])
         return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:] + np.diag(doubt**2), misfits, weights, σ_a)
 
+    def beside(self, normals: Sequence[Normals]) -> "Windows":
+        """These windows and further ones, linear about the same."""
+        return Windows([*self.given, *normals], self.effects, self.origin, self.feigned)
+
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
 

@@ -6,20 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.numerics import corrected, with_tangents
-from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric, without_state
+from tasks.cloth.numerics import with_tangents
+from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
-from tasks.gap.feigned import without_doubts
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.joint_estimate import disagreement, foretold, joint
 from tasks.gap.observed_lengths import SCALES, observed_scale
 from tasks.gap.replay import Replay, Replayed, lost, mean, mean_normals, parted, replayed_by, supported
-from tasks.gap.screening import MODES, Screened
+from tasks.gap.screening import MODES, Screened, compressed
 from tasks.gap.verdict import TEMPER, Twins
 
 Array = NDArray[np.float64]
@@ -58,15 +57,30 @@ def refitted(
     base, fabric = screened.base, (start or screened.base.model).subject.fabric
     model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
     model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
-    φ = smooth_modes(model.subject.cloth, MODES)
-    data = restarted(model, data.only(e.prediction.window for e in screened.evidence), run, φ)
-    todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, screened.evidence, strict=True)]))
+    evidence = _simulated(model, screened, data, screened.evidence, run)
     if not all(e.prediction.complete for e in evidence):
         return Refitted(replace(hypothesis, weights=()), model, evidence, None)
-    normals = [corrected(without_doubts(without_state(e.normals, screened.prior), effects, screened.doubt)) for e in evidence]
+    normals = compressed(evidence, screened.prior, effects, screened.doubt)
     about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
     return Refitted(about.fit(hypothesis.effects), model, evidence, about)
+
+
+def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map = map) -> Refitted:
+    """A hypothesis weighed by further windows of `data` as well, with tangents of all effects in `before`, the base's evidence of them; its strengths stay."""
+    origin, effects = named.windows, named.windows.effects
+    evidence = _simulated(named.model, screened, data, before, run)
+    both = [pair for pair in zip(before, evidence, strict=True) if all(e.prediction.complete for e in pair)]
+    base, own = (compressed([pair[k] for pair in both], screened.prior, effects, screened.doubt) for k in (0, 1))
+    windows = screened.windows.beside(base).about([*origin.given, *own], named.hypothesis.effects, origin.origin)
+    return replace(named, hypothesis=replace(named.hypothesis, weights=windows.fit(named.hypothesis.effects).weights), windows=windows)
+
+
+def _simulated(model: Model, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map) -> tuple[Evidence, ...]:
+    """The windows of `before` followed with a model whose effects have strengths; all effects keep their tangents."""
+    φ = smooth_modes(model.subject.cloth, MODES)
+    data = restarted(model, data.only(e.prediction.window for e in before), run, φ)
+    todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=screened.base.prior)
+    return tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, before, strict=True)]))
 
 
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:

@@ -23,6 +23,7 @@ from tasks.cloth.shooting import (
 )
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
+from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model
 from tasks.gap.feigned import feigned, mesh_doubt, without_doubts
@@ -82,16 +83,23 @@ def screen(
     base = refit(jobs(model, data, φ), noise=data.noise, iterations=iterations, run=run, tell=tell)
     followed = [e for e in base.evidence if e.prediction.complete]
     data = data.only(e.prediction.window for e in followed)
-    tell("the same computed otherwise")
-    otherwise = list(run(_otherwise, list(zip(jobs(base.model, data, φ), followed, strict=True))))
-    tell("tangents of all effects")
-    suspicious = with_tangents(base.model.joined(effects, {}))
-    plain = jobs(suspicious, data, φ, columns=True, forced=True, prior=base.prior)
-    evidence = tuple(run(follow, [replace(job, start=z, offsets=d) for job, (z, d) in zip(plain, otherwise, strict=True)]))
+    evidence = signatures(base, data, followed, effects, run, tell)
     prior = estimated_prior(evidence, data.noise)
     doubt = mesh_doubt(base.model, data, contact_doubt)
     compared = compress(evidence, prior, effects, doubt)
     return Screened(base, evidence, prior, compared, tuple(ranked(compared)), doubt)
+
+
+def signatures(
+    base: BaseFit, data: Gathered, followed: Sequence[Evidence], effects: Sequence[Effect], run: Map, tell: Callable[[str], None]
+) -> tuple[Evidence, ...]:
+    """Followed windows of `data` with the tangents of all effects about the start that the base asks for, and what computing otherwise changes."""
+    φ = smooth_modes(base.model.subject.cloth, MODES)
+    tell("the same computed otherwise")
+    otherwise = list(run(_otherwise, list(zip(jobs(base.model, data, φ), followed, strict=True))))
+    tell("tangents of all effects")
+    plain = jobs(with_tangents(base.model.joined(effects, {})), data, φ, columns=True, forced=True, prior=base.prior)
+    return tuple(run(follow, [replace(job, start=z, offsets=d) for job, (z, d) in zip(plain, otherwise, strict=True)]))
 
 
 def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
@@ -107,8 +115,18 @@ def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:
     """Normal equations with start state, doubts of the mesh and numerics integrated out."""
-    plain = [without_doubts(without_state(e.normals, prior), effects, doubt) for e in evidence if e.prediction.complete]
+    followed = [e for e in evidence if e.prediction.complete]
+    plain = [_of_certain_mesh(e, prior, effects, doubt) for e in followed]
     return Windows([corrected(n) for n in plain], effects, feigned=feigned(effects, doubt, plain, prior.a))
+
+
+def compressed(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt) -> list[Normals]:
+    """The same of single windows, all of which could be followed."""
+    return [corrected(_of_certain_mesh(e, prior, effects, doubt)) for e in evidence]
+
+
+def _of_certain_mesh(e: Evidence, prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt) -> Normals:
+    return without_doubts(without_state(e.normals, prior), effects, doubt)
 
 
 def ranked(compared: Windows) -> list[Fitted]:

@@ -16,7 +16,7 @@ are chosen on open cases (README).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -181,17 +181,6 @@ def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:
 def abstained(verdict: Verdict) -> Verdict:
     """None, or outside the library, whichever is likelier, whatever else leads the ranking."""
     return _unnamed(next(c for c in verdict.ranking if c.fitted is None), verdict.ranking)
-
-
-def once_more(verdict: Verdict, log_ratio: float) -> Verdict:
-    """What leads weighed once more, by the log likelihood of motion that had no part in its weight, with it over without, and so whatever holds it; "none" where it
-    leads no more."""
-    leader = verdict.ranking[0]
-    holds = [c.fitted is not None and c.fitted.effects[0] == leader.fitted.effects[0] for c in verdict.ranking]
-    weight = [c.probability * (float(np.exp(TEMPER * log_ratio)) if h else 1.0) for c, h in zip(verdict.ranking, holds, strict=True)]
-    weighed = [replace(c, probability=w / sum(weight)) for c, w in zip(verdict.ranking, weight, strict=True)]
-    now = replace(verdict, probability=weighed[0].probability, ranking=tuple(sorted(weighed, key=lambda c: -c.probability)))
-    return now if now.ranking[0] is weighed[0] else nothing_needed(now)
 
 
 def nothing_needed(verdict: Verdict) -> Verdict:

@@ -24,10 +24,10 @@ FLOOR, BASE = 1.0, 10.0  # mm
 
 @pytest.fixture
 def put(monkeypatch):
-    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, and `whole`: how replays compare there -> what is
-    confirmed, and the trials."""
+    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the windows, and `whole`: how
+    replays compare there -> what is confirmed, and the trials."""
 
-    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, whole=None):
+    def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, again=None, whole=None):
         t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))
         t.screened.hypotheses = tuple(
             replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
@@ -45,6 +45,8 @@ def put(monkeypatch):
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
         monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, base)))
+        monkeypatch.setattr(confirmation._Test, "_signatures", ())
+        monkeypatch.setattr(confirmation, "weighed_with", lambda named, *_: _weighing(named, (again or weigh)[named.hypothesis.name]))
         monkeypatch.setattr(confirmation._Test, "replayed", lambda self, named, beside=None: (whole or {}).get(named.hypothesis.name))
         return confirmed(t, decided(t), kept, apart=False), t
 
@@ -55,6 +57,11 @@ def _simulated(rng, mm):
     if mm is None:
         return [replace(e, prediction=replace(e.prediction, ending="stalled"), residual=None) for e in evidence(rng, 1.0)]
     return evidence(rng, mm)
+
+
+def _weighing(named, evidence):
+    (weight,) = named.hypothesis.weights
+    return replace(named, hypothesis=replace(named.hypothesis, weights=(replace(weight, likelihood=evidence, prior=0.0),)))
 
 
 def _pairs(trials, second, gain):
@@ -101,33 +108,37 @@ def test_motion_kept_out_that_the_base_cannot_follow_says_nothing(put):
 
 
 def test_motion_that_is_at_its_floor_weighs_once_more_what_leads(put):
-    """By its log likelihood ratio over what windows are too sure by; what leads by more than that stays named."""
+    """Among the windows that teach; what still leads stays named, as strong as it was."""
     before, _ = put({FRICTION: 20.0}, {}, kept=None)
-    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0)
-    assert after.verdict.classes == ((FRICTION,),) and not trials.vetoed and after.gap.log_ratio < -1 and after.gap.closed_fraction is None
-    (weight,) = after.verdict.named.weights
+    after, trials = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0, again={FRICTION: 6.0})
+    assert after.verdict.classes == ((FRICTION,),) and not trials.vetoed and after.gap.closed_fraction is None and after.gap.after_mm > 1.0
+    assert after.verdict.named is after.named.hypothesis and after.named.hypothesis.evidence == 20.0
     odds = [_of(v, FRICTION) / _of(v, "none") for v in (before.verdict, after.verdict)]
-    assert odds[1] / odds[0] == pytest.approx(np.exp(TEMPER * after.gap.log_ratio / weight.dispersion), rel=1e-6)
+    assert odds[1] / odds[0] == pytest.approx(np.exp(TEMPER * (6.0 - 20.0)), rel=1e-6)
     assert sum(c.probability for c in after.verdict.ranking) == pytest.approx(1) and after.verdict.probability == _of(
         after.verdict, FRICTION
     )
 
 
-@pytest.mark.parametrize("worse", [1.01, 3.0])
-def test_at_its_floor_motion_that_needs_no_cause_says_none(put, worse):
+def test_doubt_beside_a_cause_shrinks_with_its_weight(put):
+    """What is outside the library weighs a share of what is named: named once and weighed down later, that share had led in its stead (0.67)."""
+    after, _ = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0, doubt=0.9, again={FRICTION: 8.0})
+    assert after.verdict.classes == ((FRICTION,),) and _of(after.verdict, "outside_library") < 0.3
+
+
+def test_at_its_floor_motion_that_leaves_a_cause_too_little_says_none(put):
     """Though outside the library be likelier: there is nothing to explain."""
-    found, trials = put({FRICTION: 20.0}, {FRICTION: worse}, base=1.0, doubt=0.9)
+    found, trials = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0, doubt=0.9, again={FRICTION: -3.0})
     assert found.verdict.ranking[0].names == ("outside_library",)
     assert found.verdict.kind == "none" and found.named is None and not trials.vetoed
     assert found.verdict.reason == f"{FRICTION} leads, but on motion kept out of the fit there is nothing to close"
     assert _of(found.verdict, "none") == found.verdict.probability
 
 
-def test_at_its_floor_motion_that_is_likelier_with_a_cause_confirms_it(put):
-    before, _ = put({FRICTION: 5.0}, {}, kept=None)
-    found, _ = put({FRICTION: 5.0}, {FRICTION: 0.9}, base=1.0)
-    assert found.verdict.classes == ((FRICTION,),) and found.gap.closed_fraction is None and found.gap.falls > 0.9
-    assert found.verdict.probability > before.verdict.probability
+def test_a_pair_that_holds_what_leads_at_the_floor_does_not_take_its_name(put):
+    found, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 0.9}, base=1.0, again={FRICTION: 19.0})
+    late, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 0.9}, base=1.0, again={FRICTION: 19.0}, pair=(DRAG, 3.0))
+    assert late.verdict.classes == found.verdict.classes == ((FRICTION,),) and late.verdict.named is late.named.hypothesis
 
 
 def _of(verdict, name):
@@ -144,7 +155,7 @@ def test_what_windows_do_not_show_replays_may(put, base):
     found, _ = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, whole=slow)
     assert found.verdict.classes == ((FRICTION,),) and found.gap is slow[FRICTION] and found.gap.replayed
     for says_nothing in (replays(5.2, 1.0, 5.0), None):
-        found, _ = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, whole={FRICTION: says_nothing})
+        found, _ = put({FRICTION: 20.0}, {FRICTION: 1.05 * base}, base=base, again={FRICTION: -3.0}, whole={FRICTION: says_nothing})
         assert found.named is None and not found.gap.replayed
 
 

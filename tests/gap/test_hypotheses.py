@@ -14,7 +14,7 @@ from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.diagnosis import ratios
 from tasks.gap.hypotheses import FORM, KNOWN, RIDGE, Windows, bounded, log_averaged
-from tasks.gap.verdict import PAIR, TEMPER, Candidate, Verdict, abstained, first_alone, judge, nothing_needed, once_more
+from tasks.gap.verdict import PAIR, TEMPER, abstained, first_alone, judge, nothing_needed
 from tasks.simulator.fabric import Fabric
 
 LIBRARY = library()
@@ -291,25 +291,6 @@ def test_where_nothing_is_needed_none_is_said_though_outside_be_likelier():
     assert abstained(named).kind == "outside_library"
     after = nothing_needed(named)
     assert after.kind == "none" and after.probability == own(named, "none") and after.ranking == named.ranking
-
-
-def test_what_weighs_a_leader_once_more_weighs_whatever_holds_it():
-    """Else a pair that holds it would lead in its stead, and "none" be said."""
-    w = windows(np.random.default_rng(12), truth={"contact_friction": 0.3})
-    h, other = (w.fit([e for e in EFFECTS if e.name == name]) for name in ("contact_friction", "air_normal_drag"))
-    pair = replace(h, effects=(*h.effects, *other.effects))
-    ranking = (
-        Candidate((h.name,), 0.6, h),
-        Candidate(("both",), 0.3, pair),
-        Candidate((other.name,), 0.06, other),
-        Candidate(("none",), 0.04),
-    )
-    after = once_more(Verdict("effect", h, ((h.name,),), 0.6, ranking), -1.0)
-    assert after.kind == "effect" and after.ranking[0].names == (h.name,) and after.probability == own(after, h.name)
-    assert own(after, "both") / own(after, h.name) == pytest.approx(0.5) and own(after, other.name) / own(after, "none") == pytest.approx(
-        1.5
-    )
-    assert own(after, h.name) / own(after, "none") == pytest.approx(15 * np.exp(-TEMPER))
 
 
 def own(verdict, name):
