@@ -23,8 +23,8 @@ demo-service: setup    ## server, workers and two actors, on this machine; print
 images: setup          ## one container image per kind of worker, with docker or buildah
 	bash containers/build.sh
 
-test: setup            ## everything but what carries the marker `slow`
-	$(RUN)python -m pytest -m "not slow"
+test: setup            ## everything but what carries the marker `slow`, on up to four cores
+	$(RUN)python -m pytest -m "not slow" -n logical --maxprocesses 4 --dist loadfile
 
 test-all: setup
 	$(RUN)python -m pytest
