@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.exam.generator.spatial_vectors import between, cross, dot
 from tasks.exam.generator.spring_slider import spring_slider
 from tasks.geometry.meshes import hinges
 
@@ -57,7 +58,7 @@ def hinge_angles(x, stencil):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slots, data):
     """Add forces and, through `slots` [H, 12, 12], the matrix; returns φ [H] and the friction moment z [H].
 
@@ -65,6 +66,7 @@ def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slo
     limit, reach [H]: greatest friction moment and the angle that builds it up."""
     φs, z1 = np.empty(len(stencil)), np.empty(len(stencil))
     grad = np.empty((4, 3))
+    flat = grad.ravel()
     for h in range(len(stencil)):
         θ = _angle(x, stencil[h], grad)
         t = np.tan(θ / 2)
@@ -79,26 +81,27 @@ def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slo
             m += z
             dm += dz
         for p in range(12):
-            force[stencil[h, p // 3], p % 3] -= m * slope * grad[p // 3, p % 3]
+            force[stencil[h, p // 3], p % 3] -= m * slope * flat[p]
+            moved = dm * slope * slope * flat[p]
             for q in range(12):
                 slot = slots[h, p, q]
                 if slot >= 0:
-                    data[slot] += dm * slope * slope * grad[p // 3, p % 3] * grad[q // 3, q % 3]
+                    data[slot] += moved * flat[q]
     return φs, z1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _angle(x, hinge, grad):
     """θ of the hinge; fills ∂θ [4, 3]."""
-    a, b, c, d = x[hinge[0]], x[hinge[1]], x[hinge[2]], x[hinge[3]]
-    e = b - a
-    n1, n2 = np.cross(e, c - a), np.cross(d - a, e)
-    length = np.sqrt(e @ e)
-    s1, s2 = n1 @ n1, n2 @ n2
-    θ = np.arctan2(np.cross(n1, n2) @ e / length, n1 @ n2)
-    gc, gd = -length / s1 * n1, -length / s2 * n2
-    αc, αd = (c - a) @ e / (length * length), (d - a) @ e / (length * length)
-    grad[2], grad[3] = gc, gd
-    grad[0] = -(1 - αc) * gc - (1 - αd) * gd
-    grad[1] = -αc * gc - αd * gd
+    a = hinge[0]
+    e, to_c, to_d = between(x, a, hinge[1]), between(x, a, hinge[2]), between(x, a, hinge[3])
+    n1, n2 = cross(e, to_c), cross(to_d, e)
+    length = np.sqrt(dot(e, e))
+    θ = np.arctan2(dot(cross(n1, n2), e) / length, dot(n1, n2))
+    s1, s2 = -length / dot(n1, n1), -length / dot(n2, n2)
+    αc, αd = dot(to_c, e) / (length * length), dot(to_d, e) / (length * length)
+    for i in range(3):
+        gc, gd = s1 * n1[i], s2 * n2[i]
+        grad[2, i], grad[3, i] = gc, gd
+        grad[0, i], grad[1, i] = -(1 - αc) * gc - (1 - αd) * gd, -αc * gc - αd * gd
     return θ

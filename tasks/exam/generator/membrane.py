@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.exam.generator.spatial_vectors import dot
 from tasks.exam.generator.spring_slider import spring_slider
 
 Array = NDArray[np.float64]
@@ -36,12 +37,12 @@ def biot_strain(x, faces, g, scale):
     out = np.empty((len(faces), 3))
     for f in range(len(faces)):
         c, _, _ = _metric(x, faces[f], g[f], scale)
-        u, _, _ = _root(c, False)
+        u, _, _ = _root(c)
         out[f, 0], out[f, 1], out[f, 2] = u[0] - 1, u[1] - 1, 2 * u[2]
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit, z0, force, slots, data, convex):
     """Add forces [V, 3] and, through `slots` [F, 9, 9], −∂f/∂x into `data`; returns e [F, 3] and the friction stress z [F] reached.
 
@@ -49,19 +50,26 @@ def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit
     convex: leave out what can make the matrix indefinite.
     """
     strain, z1 = np.empty((len(faces), 3)), np.empty(len(faces))
-    dc = np.empty((3, 9))
+    De, σ, T, ψ, W = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    de, Tde, dde = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3))  # ∂e/∂c, 𝔻' ∂e/∂c, ∂²e/∂c²
+    dc, Wdc = np.empty((3, 9)), np.empty((3, 9))
+    w = 1 / (scale * scale)
     for f in range(len(faces)):
         c, f1, f2 = _metric(x, faces[f], g[f], scale)
-        u, du, ddu = _root(c, True)
-        e = np.array([u[0] - 1, u[1] - 1, 2 * u[2]])
-        strain[f] = e
-        De, Dd = D[f] @ e, D[f] @ (e - e_hat[f]) / s
-        stretch = SHEARED * D[f, 2, 2]
-        stiff = 1 + stiffening * (e @ De) / stretch
-        σ, T = np.empty(3), np.empty((3, 3))
+        u, J, τ = _root(c)
+        _slopes(c, u, J, τ, de, dde)
+        e = (u[0] - 1, u[1] - 1, 2 * u[2])
+        energy = 0.0
         for a in range(3):
-            σ[a] = De[a] * stiff + viscosity * Dd[a]
+            strain[f, a] = e[a]
+            De[a] = D[f, a, 0] * e[0] + D[f, a, 1] * e[1] + D[f, a, 2] * e[2]
+            energy += e[a] * De[a]
+        stretch = SHEARED * D[f, 2, 2]
+        stiff = 1 + stiffening * energy / stretch
+        for a in range(3):
+            σ[a] = De[a] * stiff
             for b in range(3):
+                σ[a] += viscosity * D[f, a, b] * (e[b] - e_hat[f, b]) / s
                 T[a, b] = D[f, a, b] * (stiff + viscosity / s) + 2 * stiffening / stretch * De[a] * De[b]
         z1[f] = 0.0
         if limit[f] > 0:
@@ -69,94 +77,105 @@ def membrane(x, faces, g, area, scale, D, stiffening, viscosity, e_hat, s, limit
             σ[2] += z
             T[2, 2] += dz
             z1[f] = z
-        # ψ_k = Σ σ_a ∂e_a/∂c_k; e₃ = 2 U₁₂
-        ψ, W = np.zeros(3), np.zeros((3, 3))
+        # ψ_k = Σ σ_a ∂e_a/∂c_k,  W = ∂ψ/∂c
         for k in range(3):
+            ψ[k] = σ[0] * de[0, k] + σ[1] * de[1, k] + σ[2] * de[2, k]
             for a in range(3):
-                m = 2.0 if a == 2 else 1.0
-                ψ[k] += σ[a] * m * du[a, k]
-                for l in range(3):
-                    if not convex:
-                        W[k, l] += σ[a] * m * ddu[a, k, l]
-                    for b in range(3):
-                        W[k, l] += T[a, b] * m * du[a, k] * (2.0 if b == 2 else 1.0) * du[b, l]
-        w = 1 / (scale * scale)
+                Tde[a, k] = T[a, 0] * de[0, k] + T[a, 1] * de[1, k] + T[a, 2] * de[2, k]
+        for k in range(3):
+            for l in range(3):
+                W[k, l] = de[0, k] * Tde[0, l] + de[1, k] * Tde[1, l] + de[2, k] * Tde[2, l]
+                if not convex:
+                    W[k, l] += σ[0] * dde[0, k, l] + σ[1] * dde[1, k, l] + σ[2] * dde[2, k, l]
         for i in range(3):
             for d in range(3):
                 dc[0, 3 * i + d] = 2 * g[f, i, 0] * f1[d] * w
                 dc[1, 3 * i + d] = 2 * g[f, i, 1] * f2[d] * w
                 dc[2, 3 * i + d] = (g[f, i, 0] * f2[d] + g[f, i, 1] * f1[d]) * w
-        Wdc = W @ dc
-        S = _tension(ψ) if convex else ψ
+        for k in range(3):
+            for p in range(9):
+                Wdc[k, p] = W[k, 0] * dc[0, p] + W[k, 1] * dc[1, p] + W[k, 2] * dc[2, p]
+        S = _tension(ψ[0], ψ[1], ψ[2]) if convex else (ψ[0], ψ[1], ψ[2])
         A = area[f]
-        for p in range(9):
-            force[faces[f, p // 3], p % 3] -= A * (ψ[0] * dc[0, p] + ψ[1] * dc[1, p] + ψ[2] * dc[2, p])
-            for q in range(9):
-                slot = slots[f, p, q]
-                if slot < 0:
-                    continue
-                h = dc[0, p] * Wdc[0, q] + dc[1, p] * Wdc[1, q] + dc[2, p] * Wdc[2, q]
-                if p % 3 == q % 3:
-                    i, j = p // 3, q // 3
-                    h += w * (
-                        2 * S[0] * g[f, i, 0] * g[f, j, 0]
-                        + 2 * S[1] * g[f, i, 1] * g[f, j, 1]
-                        + S[2] * (g[f, i, 0] * g[f, j, 1] + g[f, i, 1] * g[f, j, 0])
-                    )
-                data[slot] += A * h
+        for i in range(3):
+            for j in range(3):
+                held = w * (
+                    2 * S[0] * g[f, i, 0] * g[f, j, 0]
+                    + 2 * S[1] * g[f, i, 1] * g[f, j, 1]
+                    + S[2] * (g[f, i, 0] * g[f, j, 1] + g[f, i, 1] * g[f, j, 0])
+                )
+                for p in range(3 * i, 3 * i + 3):
+                    for q in range(3 * j, 3 * j + 3):
+                        slot = slots[f, p, q]
+                        if slot >= 0:
+                            h = dc[0, p] * Wdc[0, q] + dc[1, p] * Wdc[1, q] + dc[2, p] * Wdc[2, q]
+                            data[slot] += A * (h + held if p - 3 * i == q - 3 * j else h)
+            for d in range(3):
+                p = 3 * i + d
+                force[faces[f, i], d] -= A * (ψ[0] * dc[0, p] + ψ[1] * dc[1, p] + ψ[2] * dc[2, p])
     return strain, z1
 
 
 @njit(cache=True, nogil=True)
 def _metric(x, face, g, scale):
     """(C₁₁, C₂₂, C₁₂) and the columns of F."""
-    f1, f2 = np.zeros(3), np.zeros(3)
-    for i in range(3):
-        for d in range(3):
-            f1[d] += g[i, 0] * x[face[i], d]
-            f2[d] += g[i, 1] * x[face[i], d]
+    f1, f2 = _column(x, face, g, 0), _column(x, face, g, 1)
     w = 1 / (scale * scale)
-    c = np.array([w * (f1 @ f1), w * (f2 @ f2), w * (f1 @ f2)])
-    return c, f1, f2
+    return (w * dot(f1, f1), w * dot(f2, f2), w * dot(f1, f2)), f1, f2
 
 
 @njit(cache=True, nogil=True)
-def _root(c, derivatives):
-    """(U₁₁, U₂₂, U₁₂) with first [3, 3] and second [3, 3, 3] derivatives in (C₁₁, C₂₂, C₁₂)."""
+def _column(x, face, g, a):
+    i, j, k = face[0], face[1], face[2]
+    return (
+        g[0, a] * x[i, 0] + g[1, a] * x[j, 0] + g[2, a] * x[k, 0],
+        g[0, a] * x[i, 1] + g[1, a] * x[j, 1] + g[2, a] * x[k, 1],
+        g[0, a] * x[i, 2] + g[1, a] * x[j, 2] + g[2, a] * x[k, 2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _root(c):
+    """(U₁₁, U₂₂, U₁₂), J and τ = tr U."""
     J = np.sqrt(max(c[0] * c[1] - c[2] ** 2, 1e-6))
     τ = np.sqrt(c[0] + c[1] + 2 * J)
-    u = np.array([(c[0] + J) / τ, (c[1] + J) / τ, c[2] / τ])
-    du, ddu = np.zeros((3, 3)), np.zeros((3, 3, 3))
-    if not derivatives:
-        return u, du, ddu
-    dJ = np.array([c[1] / (2 * J), c[0] / (2 * J), -c[2] / J])
-    dτ = np.array([(1 + 2 * dJ[0]) / (2 * τ), (1 + 2 * dJ[1]) / (2 * τ), dJ[2] / τ])
-    ddet = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+    return ((c[0] + J) / τ, (c[1] + J) / τ, c[2] / τ), J, τ
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slopes(c, u, J, τ, de, dde):
+    """First [3, 3] and second [3, 3, 3] derivatives of e in (C₁₁, C₂₂, C₁₂)."""
+    dJ = (c[1] / (2 * J), c[0] / (2 * J), -c[2] / J)
+    dτ = ((1 + 2 * dJ[0]) / (2 * τ), (1 + 2 * dJ[1]) / (2 * τ), dJ[2] / τ)
     for a in range(3):
         for k in range(3):
             n = (1.0 if a == k else 0.0) + (dJ[k] if a < 2 else 0.0)
-            du[a, k] = (n - u[a] * dτ[k]) / τ
+            de[a, k] = (n - u[a] * dτ[k]) / τ
     for k in range(3):
         for l in range(3):
-            ddJ = (ddet[k, l] / 2 - dJ[k] * dJ[l]) / J
+            ddet = -2.0 if k == l == 2 else 1.0 if k + l == 1 else 0.0
+            ddJ = (ddet / 2 - dJ[k] * dJ[l]) / J
             ddτ = (ddJ - dτ[k] * dτ[l]) / τ
             for a in range(3):
                 n = ddJ if a < 2 else 0.0
-                ddu[a, k, l] = (n - du[a, l] * dτ[k] - u[a] * ddτ - du[a, k] * dτ[l]) / τ
-    return u, du, ddu
+                dde[a, k, l] = (n - de[a, l] * dτ[k] - u[a] * ddτ - de[a, k] * dτ[l]) / τ
+    for k in range(3):  # e₃ = 2 U₁₂
+        de[2, k] *= 2
+        for l in range(3):
+            dde[2, k, l] *= 2
 
 
 @njit(cache=True, nogil=True)
-def _tension(ψ):
+def _tension(ψ1, ψ2, ψ3):
     """The stress without its compressive part."""
-    a, b, c = 2 * ψ[0], 2 * ψ[1], ψ[2]
+    a, b, c = 2 * ψ1, 2 * ψ2, ψ3
     mean, r = (a + b) / 2, np.sqrt(((a - b) / 2) ** 2 + c * c)
     if mean - r >= 0:
-        return ψ
+        return ψ1, ψ2, ψ3
     if mean + r <= 0:
-        return np.zeros(3)
+        return 0.0, 0.0, 0.0
     # one positive eigenvalue λ with direction n: λ n nᵀ
     λ = mean + r
     n1, n2 = (λ - b, c) if abs(λ - b) > abs(λ - a) else (c, λ - a)
     norm = max(n1 * n1 + n2 * n2, 1e-300)
-    return np.array([λ * n1 * n1 / norm / 2, λ * n2 * n2 / norm / 2, λ * n1 * n2 / norm])
+    return λ * n1 * n1 / norm / 2, λ * n2 * n2 / norm / 2, λ * n1 * n2 / norm
