@@ -94,7 +94,7 @@ def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slo
 def _angle(x, hinge, grad):
     """θ of the hinge; fills ∂θ [4, 3]."""
     a = hinge[0]
-    e, to_c, to_d = between(x, a, hinge[1]), between(x, a, hinge[2]), between(x, a, hinge[3])
+    e, to_c, to_d = between(x, a, x, hinge[1]), between(x, a, x, hinge[2]), between(x, a, x, hinge[3])
     n1, n2 = cross(e, to_c), cross(to_d, e)
     length = np.sqrt(dot(e, e))
     θ = np.arctan2(dot(cross(n1, n2), e) / length, dot(n1, n2))

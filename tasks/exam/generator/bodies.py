@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tasks.exam.generator.spatial_vectors import between, dot
+
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 Pose = Callable[[float], tuple[Array, Array]]  # t [s] -> rotations [bone, 3, 3], translations [bone, 3] m
@@ -74,16 +76,15 @@ def _distance(x, a, b, radius):
     K, V = len(a), len(x)
     d, n = np.empty((K, V)), np.empty((K, V, 3))
     for k in range(K):
-        e = b[k] - a[k]
-        ee = max(e @ e, 1e-20)
+        e = between(a, k, b, k)
+        ee = max(dot(e, e), 1e-20)
         for i in range(V):
-            r = x[i] - a[k]
-            s = min(max(r @ e / ee, 0.0), 1.0)
-            q = r - s * e
-            length = max(np.sqrt(q @ q), 1e-12)
+            r = between(a, k, x, i)
+            s = min(max(dot(r, e) / ee, 0.0), 1.0)
+            q = (r[0] - s * e[0], r[1] - s * e[1], r[2] - s * e[2])
+            length = max(np.sqrt(dot(q, q)), 1e-12)
             d[k, i] = length - radius[k]
-            for c in range(3):
-                n[k, i, c] = q[c] / length
+            n[k, i, 0], n[k, i, 1], n[k, i, 2] = q[0] / length, q[1] / length, q[2] / length
     return d, n
 
 

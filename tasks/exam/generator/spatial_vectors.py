@@ -4,9 +4,9 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def between(x, i, j):
-    """From row i to row j of x [V, 3]."""
-    return x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
+def between(x, i, y, j):
+    """From row i of x [V, 3] to row j of y [W, 3]."""
+    return y[j, 0] - x[i, 0], y[j, 1] - x[i, 1], y[j, 2] - x[i, 2]
 
 
 @njit(cache=True, nogil=True)
