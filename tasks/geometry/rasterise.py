@@ -10,6 +10,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.geometry.simplex_distances import cross
+
 NEAR = 1e-3  # [m]
 
 
@@ -43,7 +45,7 @@ def _fill(p, faces, fx, fy, cx, cy, face, barycentric, depth):
             continue
         x0, x1, y0, y1 = _bounds(a, b, c, fx, fy, cx, cy, width, height)
         # ray r = (u, v, 1) meets the plane where det[b×c, c×a, a×b]·r decides: homogeneous edge functions (Olano & Greer 1997)
-        na, nb, nc = _cross(b, c), _cross(c, a), _cross(a, b)
+        na, nb, nc = cross(b, c), cross(c, a), cross(a, b)
         det = a[0] * na[0] + a[1] * na[1] + a[2] * na[2]
         if det == 0.0:
             continue
@@ -74,8 +76,3 @@ def _bounds(a, b, c, fx, fy, cx, cy, width, height):
     x0, x1 = np.floor(min(ua, ub, uc) - 0.5), np.ceil(max(ua, ub, uc) + 0.5)
     y0, y1 = np.floor(min(va, vb, vc) - 0.5), np.ceil(max(va, vb, vc) + 0.5)
     return int(max(x0, 0)), int(min(max(x1, 0), width)), int(max(y0, 0)), int(min(max(y1, 0), height))
-
-
-@numba.njit(cache=True, nogil=True)
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

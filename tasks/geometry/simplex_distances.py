@@ -1,4 +1,4 @@
-"""Distances of points, segments and triangles, compiled, on points that are tuples (x, y, z): no array is made for any of them.
+"""Distances of points, segments and triangles, and the algebra of vectors that they need, compiled, on tuples (x, y, z): no array is made for any of them.
 
 Source: Ericson 2005, Real-Time Collision Detection, §5.1.5 (point and triangle) and §5.1.9 (segments).
 """
@@ -84,3 +84,15 @@ def dot(a, b):
 def length(a):
     """‖a‖."""
     return np.sqrt(dot(a, a))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def cross(a, b):
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def row(x, i):
+    """x_i of an array [V, 3]."""
+    return x[i, 0], x[i, 1], x[i, 2]

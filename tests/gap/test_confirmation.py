@@ -24,8 +24,8 @@ FLOOR, BASE = 1.0, 10.0  # mm
 
 @pytest.fixture
 def put(monkeypatch):
-    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the windows, and `whole`: how
-    replays compare there -> what is confirmed, and the trials."""
+    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the windows, `pair`: a second
+    effect and its evidence, before and with them, and `whole`: how replays compare there -> what is confirmed, and the trials."""
 
     def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, again=None, whole=None):
         t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))
@@ -40,7 +40,8 @@ def put(monkeypatch):
         t.alike, t.train = alike, SimpleNamespace(recordings=())
         t.windows = t.screened.evidence
         t.settle(quick=False)
-        t.pairs = lambda: () if pair is None else _pairs(t, *pair)
+        taught = t.leader.evidence
+        t.pairs = lambda: () if pair is None else _pairs(t, pair[0], pair[1 if t.leader.evidence == taught else -1])
         monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
@@ -135,10 +136,11 @@ def test_at_its_floor_motion_that_leaves_a_cause_too_little_says_none(put):
     assert _of(found.verdict, "none") == found.verdict.probability
 
 
-def test_a_pair_that_holds_what_leads_at_the_floor_does_not_take_its_name(put):
-    found, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 0.9}, base=1.0, again={FRICTION: 19.0})
-    late, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 0.9}, base=1.0, again={FRICTION: 19.0}, pair=(DRAG, 3.0))
-    assert late.verdict.classes == found.verdict.classes == ((FRICTION,),) and late.verdict.named is late.named.hypothesis
+def test_a_pair_that_only_windows_kept_out_make_lead_leaves_the_first_its_name(put):
+    """It was not asked whether the second helps there."""
+    found, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 1.01}, base=1.0, again={FRICTION: 19.0}, pair=(DRAG, 3.0, 9.0))
+    assert found.verdict.classes == ((FRICTION,),) and found.verdict.named is found.named.hypothesis
+    assert found.verdict.ranking[0].fitted is found.verdict.named and found.verdict.probability > 0.95  # what both weighed
 
 
 def _of(verdict, name):

@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.exam.generator.spatial_vectors import between, cross, dot
 from tasks.exam.generator.spring_slider import spring_slider
 from tasks.geometry.meshes import hinges
+from tasks.geometry.simplex_distances import cross, dot, length, minus, row
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -66,7 +66,7 @@ def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slo
     limit, reach [H]: greatest friction moment and the angle that builds it up."""
     φs, z1 = np.empty(len(stencil)), np.empty(len(stencil))
     grad = np.empty((4, 3))
-    flat = grad.ravel()
+    flat = grad.ravel()  # the same memory
     for h in range(len(stencil)):
         θ = _angle(x, stencil[h], grad)
         t = np.tan(θ / 2)
@@ -93,13 +93,12 @@ def bend(x, stencil, k, rest, viscosity, φ_hat, s, limit, reach, z0, force, slo
 @njit(cache=True, nogil=True, error_model="numpy")
 def _angle(x, hinge, grad):
     """θ of the hinge; fills ∂θ [4, 3]."""
-    a = hinge[0]
-    e, to_c, to_d = between(x, a, x, hinge[1]), between(x, a, x, hinge[2]), between(x, a, x, hinge[3])
-    n1, n2 = cross(e, to_c), cross(to_d, e)
-    length = np.sqrt(dot(e, e))
-    θ = np.arctan2(dot(cross(n1, n2), e) / length, dot(n1, n2))
-    s1, s2 = -length / dot(n1, n1), -length / dot(n2, n2)
-    αc, αd = dot(to_c, e) / (length * length), dot(to_d, e) / (length * length)
+    a = row(x, hinge[0])
+    e, to_c, to_d = minus(row(x, hinge[1]), a), minus(row(x, hinge[2]), a), minus(row(x, hinge[3]), a)
+    n1, n2, edge = cross(e, to_c), cross(to_d, e), length(e)
+    θ = np.arctan2(dot(cross(n1, n2), e) / edge, dot(n1, n2))
+    s1, s2 = -edge / dot(n1, n1), -edge / dot(n2, n2)
+    αc, αd = dot(to_c, e) / edge**2, dot(to_d, e) / edge**2
     for i in range(3):
         gc, gd = s1 * n1[i], s2 * n2[i]
         grad[2, i], grad[3, i] = gc, gd

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.exam.generator.spatial_vectors import between, dot
+from tasks.geometry.simplex_distances import along, dot, length, minus, row
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -76,15 +76,15 @@ def _distance(x, a, b, radius):
     K, V = len(a), len(x)
     d, n = np.empty((K, V)), np.empty((K, V, 3))
     for k in range(K):
-        e = between(a, k, b, k)
+        start = row(a, k)
+        e = minus(row(b, k), start)
         ee = max(dot(e, e), 1e-20)
         for i in range(V):
-            r = between(a, k, x, i)
-            s = min(max(dot(r, e) / ee, 0.0), 1.0)
-            q = (r[0] - s * e[0], r[1] - s * e[1], r[2] - s * e[2])
-            length = max(np.sqrt(dot(q, q)), 1e-12)
-            d[k, i] = length - radius[k]
-            n[k, i, 0], n[k, i, 1], n[k, i, 2] = q[0] / length, q[1] / length, q[2] / length
+            r = minus(row(x, i), start)
+            q = along(r, -min(max(dot(r, e) / ee, 0.0), 1.0), e)
+            away = max(length(q), 1e-12)
+            d[k, i] = away - radius[k]
+            n[k, i, 0], n[k, i, 1], n[k, i, 2] = q[0] / away, q[1] / away, q[2] / away
     return d, n
 
 

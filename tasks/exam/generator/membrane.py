@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tasks.exam.generator.spatial_vectors import dot
 from tasks.exam.generator.spring_slider import spring_slider
+from tasks.geometry.simplex_distances import along, dot, row, scaled
 
 Array = NDArray[np.float64]
 POISSON = 0.071
@@ -126,12 +126,8 @@ def _metric(x, face, g, scale):
 
 @njit(cache=True, nogil=True)
 def _column(x, face, g, a):
-    i, j, k = face[0], face[1], face[2]
-    return (
-        g[0, a] * x[i, 0] + g[1, a] * x[j, 0] + g[2, a] * x[k, 0],
-        g[0, a] * x[i, 1] + g[1, a] * x[j, 1] + g[2, a] * x[k, 1],
-        g[0, a] * x[i, 2] + g[1, a] * x[j, 2] + g[2, a] * x[k, 2],
-    )
+    """f_a = Σ g_ia x_i."""
+    return along(along(scaled(g[0, a], row(x, face[0])), g[1, a], row(x, face[1])), g[2, a], row(x, face[2]))
 
 
 @njit(cache=True, nogil=True)
