@@ -6,10 +6,8 @@ Every case is kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) and not 
 Algorithm 1 and the twins' truth do not depend on the fit. A run that is stopped goes on where it was.
 """
 
-import json
 import os
 import pickle
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,6 +31,7 @@ from tests.benchmarks.equation_error import balances, fitted
 from tests.benchmarks.kept import once
 from tests.benchmarks.kept import place as kept_place
 from tests.benchmarks.simulator import AS_CIPC, DATA, recording
+from tests.benchmarks.table import Row, chosen, show
 from tests.cloth.twins import FPS, NOISE, Twin, handkerchief, twin
 
 QUICK = bool(os.environ.get("QUICK"))
@@ -42,7 +41,6 @@ MESHES = {"coarse": (14, 28), "fine": (19, 38)}  # 392 and 722 vertices
 RACE_START = (320.0, 1.0, 1.0)
 SMALL = {"coarse": (7, 14), "fine": (9, 18)}
 TWIN_FILE = Path(__file__).parents[1] / "cloth/twins.py"
-Row = tuple[str, Any, str, bool]
 
 
 def place(name: str, compute: Callable[..., Any], science: str, ending: str = "json") -> Path:
@@ -169,7 +167,7 @@ def races() -> Iterator[Row]:
         name = f"adam-fd, {iterations} iterations, twin {seed}"
         yield f"{name}: simulated steps over Gauss–Newton's to its loss", fewer, ">= 30", fewer >= 30
         yield f"{name}: processor time over Gauss–Newton's", faster, ">= 20", faster >= 20
-        yield f"{name}: its loss, root [mm]", reached, "-", True
+        yield f"{name}: its loss, root [mm]", reached, "-", None
         yield f"{name}: Gauss–Newton's at the end [mm]", least, f"<= {reached:.4g}", least <= reached
     frozen = kept("frozen", density_as_released, science="tasks.cloth.adam_fd")
     yield "as released, 10 iterations: density moved [kg/m3 of 440]", frozen["moved"], "<= 1", frozen["moved"] <= 1
@@ -192,7 +190,7 @@ def cipc() -> Iterator[Row]:
             yield f"C-IPC {name}: {key} over its own", ratio, "0.9 to 1.1", 0.9 <= ratio <= 1.1
         balanced = forces_of_cipc(name)
         for key, ratio in (("kappa_s/rho", balanced.membrane), ("kappa_b/rho", balanced.bending)):
-            yield f"C-IPC {name}: {key} over its own, by the balance of forces", ratio, "-", True
+            yield f"C-IPC {name}: {key} over its own, by the balance of forces", ratio, "-", None
 
 
 def forces_of_cipc(name: str) -> Fabric:
@@ -239,17 +237,7 @@ def steps_of_cipc(name: str) -> dict[str, Any]:
 
 def main() -> None:
     """Print the table."""
-    as_json, table, clock = bool(os.environ.get("JSON")), [], time.process_time()
-    for name, part in {"races": races, "twins": twins, "cipc": cipc}.items():
-        if os.environ.get("ONLY", "") not in name or (name == "cipc" and not DATA.exists()):
-            continue
-        for metric, value, target, holds in part():
-            table.append({"metric": metric, "value": value, "target": target, "holds": holds})
-            if not as_json:
-                sys.stdout.write(f"{metric:80s} | {value:10.4g} | {target:22s} | {'yes' if holds else 'NO'}\n")
-                sys.stdout.flush()
-    if as_json:
-        sys.stdout.write(json.dumps({"rows": table, "cpu_seconds": time.process_time() - clock}, indent=1) + "\n")
+    show(chosen({"races": races, "twins": twins, **({"cipc": cipc} if DATA.exists() else {})}))
 
 
 if __name__ == "__main__":

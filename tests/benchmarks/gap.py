@@ -1,8 +1,9 @@
 """The diagnosis: signatures, nulls, planted effects, effects taken out of the library, and what it costs.
 
-    python -m tests.benchmarks.gap [PART…]        QUICK=1: a tenth        JSON=1: JSON on stdout        GAP_CASES=folder: where cases are kept and resumed
+    python -m tests.benchmarks.gap        QUICK=1: a tenth        JSON=1: JSON on stdout        GAP_CASES=folder: where cases are kept and resumed
+                                          ONLY=word: parts whose name holds it
 
-PART: signatures, same_mesh_nulls, nulls, planted, removed, large; all of them where none is given.
+Parts: signatures, same_mesh_nulls, other_mesh_nulls, planted, removed, large.
 
 Recordings come from the exam's generator: another mesh, integrator, material form and another implementation of every effect. Every case is
 checkpointed: a run that was interrupted goes on where it was.
@@ -26,27 +27,17 @@ from tasks.exam.generator.scenes import MOTIONS
 from tasks.exam.generator.stepper import Stepper
 from tasks.exam.generator.strata import NULLS, Question, admissible
 from tasks.exam.generator.subject import drawn_subject, states
+from tests.benchmarks.table import Row, chosen, show
 
 QUICK = bool(os.environ.get("QUICK"))
 LARGE, LARGE_FRAMES, LARGE_DRAG = 3000, 60, 14.0  # vertices, frames, C_n/ρ̄ [m²/kg]
 CASES = Path(os.environ.get("GAP_CASES", "~/.cache/physavatar/bench-gap")).expanduser()
 SEED = 20261121
-Row = tuple[str, float, str, bool]
 
 
 def main() -> None:
-    """Measure and print metric | value | target | holds."""
-    rows = []
-    parts = {part.__name__: part for part in (signatures, same_mesh_nulls, nulls, planted, removed, large)}
-    for name in sys.argv[1:] or parts:
-        for row in parts[name]():
-            rows.append(row)
-            if not os.environ.get("JSON"):
-                sys.stdout.write("{} | {:.4g} | {} | {}\n".format(*row[:3], "yes" if row[3] else "NO"))
-                sys.stdout.flush()
-    if os.environ.get("JSON"):
-        table = [{"metric": m, "value": float(v), "target": t, "holds": bool(h)} for m, v, t, h in rows]
-        sys.stdout.write(json.dumps(table, indent=1) + "\n")
+    """Measure and print."""
+    show(chosen({part.__name__: part for part in (signatures, same_mesh_nulls, other_mesh_nulls, planted, removed, large)}))
 
 
 def signatures() -> Iterator[Row]:
@@ -69,7 +60,7 @@ def same_mesh_nulls() -> Iterator[Row]:
     yield f"null twins on the same mesh, {len(found)}: mean χ²/N", mean, "0.9..1.1", 0.9 <= mean <= 1.1
 
 
-def nulls() -> Iterator[Row]:
+def other_mesh_nulls() -> Iterator[Row]:
     """Recordings of another mesh, step and material form in which nothing is missing."""
     count = 3 if QUICK else 30
     rows = _sat("null", [_question(k, "null", {}, twist=NULLS[k % len(NULLS)]) for k in range(count)])
@@ -88,7 +79,7 @@ def planted() -> Iterator[Row]:
     yield f"planted effects, {len(scored)} names: named within their class, macro-average", macro, ">= 0.80", macro >= 0.8
     for name, value in sorted(scored.items(), key=lambda pair: pair[1]):
         if value < 0.5:
-            yield f"    below 0.5: {name}", value, "-", True
+            yield f"    below 0.5: {name}", value, "-", None
     closed = [row["closed"] for row in rows if "closed" in row]
     median = float(np.median(closed)) if closed else np.nan
     yield "closed fraction on a motion predicted blind, median", median, ">= 0.7", median >= 0.7

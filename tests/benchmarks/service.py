@@ -9,20 +9,19 @@ is the service. Two cores are kept busy by it; its figures mean little beside ot
 """
 
 import asyncio
-import json
 import multiprocessing
 import os
 import resource
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
 
+from tests.benchmarks.table import Row, chosen, show
+
 QUICK, FULL = bool(os.environ.get("QUICK")), bool(os.environ.get("FULL"))
-Row = tuple[str, float | str, str, bool | None]
 
 
 def tenth(n: int) -> int:
@@ -188,18 +187,7 @@ PARTS: dict[str, Callable[[], Iterator[Row]]] = {
 
 def main() -> None:
     """Print the table."""
-    as_json, table = bool(os.environ.get("JSON")), []
-    for part, rows in PARTS.items():
-        if os.environ.get("ONLY", "") not in part:
-            continue
-        for metric, value, target, holds in rows():
-            table.append({"metric": metric, "value": value, "target": target, "holds": holds})
-            if not as_json:
-                verdict = {True: "yes", False: "NO", None: "-"}[holds]
-                sys.stdout.write(f"{metric:90s} | {value:10.4g} | {target:8s} | {verdict}\n")
-                sys.stdout.flush()
-    if as_json:
-        sys.stdout.write(json.dumps({"rows": table}, indent=1) + "\n")
+    show(chosen(PARTS))
 
 
 if __name__ == "__main__":

@@ -12,11 +12,9 @@ Steps and stress runs are kept below PHYSAVATAR_CACHE (default ~/.cache/physavat
 
 import json
 import os
-import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from tasks.simulator.newton import CONVERGED, minimise
 from tasks.simulator.time_integration import State, known, rule
 from tests.benchmarks.digits import moved, restored, rigid_shape, share_done
 from tests.benchmarks.kept import once, place
+from tests.benchmarks.table import Row, chosen, show
 from tests.simulator.cipc_air import LaggedAir
 from tests.simulator.scenes import free, sheet, sphere, still
 from tests.simulator.stress import examine, names
@@ -52,7 +51,6 @@ STORED = {"skirt_base": (8.13, 31.2, 4), "sphere_1600": (6.04, 24.0, 2), "sphere
 AGREEMENT = ("skirt_base", "skirt_friction_0", "skirt_friction_04", "skirt_drag", "sphere_1600", "sphere_3600", "sphere_7225")
 SCENES = tuple(Path(__file__).parents[1] / "simulator" / name for name in ("stress.py", "cipc_air.py"))
 NINTH = 9  # of the steps, where asking all is too dear
-Row = tuple[str, float, str, bool]
 
 
 def kept(name: str, compute: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
@@ -99,11 +97,11 @@ def agreement(name: str) -> Iterator[Row]:
             ">= 0.95" if asks else "-",
             not asks or share >= 0.95,
         )
-        yield f"agreement {name} {label}: median of rms, mm", float(np.median(e)), "-", True
+        yield f"agreement {name} {label}: median of rms, mm", float(np.median(e)), "-", None
         if along:
-            yield f"agreement {name} {label}: largest rms, mm", float(np.max(e)), "-", True
+            yield f"agreement {name} {label}: largest rms, mm", float(np.max(e)), "-", None
             same = float(np.mean([step["newton"] == step["theirs"] for step in steps]))
-            yield f"agreement {name} {label}: share of steps with as many Newton iterations", same, "-", True
+            yield f"agreement {name} {label}: share of steps with as many Newton iterations", same, "-", None
 
 
 def one_step(name: str, k: int) -> dict[str, Any]:
@@ -213,7 +211,7 @@ def growth() -> Iterator[Row]:
     sizes = (40, 80) if QUICK else (40, 80, 158)
     found = run_in_children(swing, [(n,) for n in sizes], limit_s=7200, at_once=1)
     for n, (seconds, peak) in zip(sizes, found, strict=True):
-        yield f"growth: CPU s/frame at {n * n} vertices", seconds, "-", True
+        yield f"growth: CPU s/frame at {n * n} vertices", seconds, "-", None
         yield f"growth: peak memory at {n * n} vertices, MB", peak, "<= 2000", peak <= 2000
     p = float(np.polyfit(np.log([n * n for n in sizes]), np.log([seconds for seconds, _ in found]), 1)[0])
     yield "growth: exponent", p, "<= 1.3", p <= 1.3
@@ -247,7 +245,7 @@ def tangents() -> Iterator[Row]:
         cost.append(sum(f.seconds for f in frames[1:]))
     added = cost[1] / cost[0] - 1
     yield "tangents: CPU that 25 columns add, of the run without", added, "<= 1.0", added <= 1.0
-    yield "tangents: CPU that 200 start modes add, of the run without", cost[2] / cost[0] - 1, "-", True
+    yield "tangents: CPU that 200 start modes add, of the run without", cost[2] / cost[0] - 1, "-", None
 
 
 def stress() -> Iterator[Row]:
@@ -262,9 +260,9 @@ def stress() -> Iterator[Row]:
     beyond = 1e3 * max(o["beyond"] for o in found.values())
     yield f"stress: share of {len(cases)} runs that finish", finished, "1", finished == 1
     yield "stress: frames in which something crosses", crossing, "0", crossing == 0
-    yield "stress: largest yield, mm", 1e3 * max(o["yielded"] for o in found.values()), "-", True
+    yield "stress: largest yield, mm", 1e3 * max(o["yielded"] for o in found.values()), "-", None
     yield "stress: yield beyond its bound, mm", beyond, "<= 0", beyond < 1e-6
-    yield "stress: CPU s per run, median", float(np.median([o["seconds"] for o in found.values()])), "-", True
+    yield "stress: CPU s per run, median", float(np.median([o["seconds"] for o in found.values()])), "-", None
 
 
 def one_stress(garment: str, act: str, seed: int) -> dict[str, Any]:
@@ -272,32 +270,19 @@ def one_stress(garment: str, act: str, seed: int) -> dict[str, Any]:
     return asdict(examine(garment, act, seed))
 
 
-def rows() -> Iterator[Row]:
-    """All of them, as they are measured."""
-    parts: dict[str, Callable[[], Iterator[Row]]] = {
-        **{f"agreement {name}": (lambda name=name: agreement(name)) for name in AGREEMENT},
-        **{f"speed {name}": (lambda name=name: speed(name)) for name in STORED},
-        "growth": growth,
-        "tangents": tangents,
-        "stress": stress,
+def parts() -> dict[str, Callable[[], Iterator[Row]]]:
+    """What is measured; agreement and speed where C-IPC's recordings are, of those the large ones where there is time."""
+    recorded = {
+        f"{part.__name__} {name}": partial(part, name) for part, names in ((agreement, AGREEMENT), (speed, STORED)) for name in names
     }
-    for name, part in parts.items():
-        needs_data = name.startswith(("agreement", "speed"))
-        if os.environ.get("ONLY", "") in name and not (needs_data and (not DATA.exists() or (QUICK and name.endswith(("3600", "7225"))))):
-            yield from part()
+    there = {name: part for name, part in recorded.items() if DATA.exists() and not (QUICK and name.endswith(("3600", "7225")))}
+    return {**there, "growth": growth, "tangents": tangents, "stress": stress}
 
 
 def main() -> None:
     """Print the table."""
-    as_json, table, clock = bool(os.environ.get("JSON")), [], time.process_time()
     list(simulate(Cloth(*sheet(3, 3)), Fabric(), fps=25, **free(2)))  # compile the kernels outside the clock
-    for metric, value, target, holds in rows():
-        table.append({"metric": metric, "value": value, "target": target, "holds": holds})
-        if not as_json:
-            sys.stdout.write(f"{metric:75s} | {value:10.4g} | {target:8s} | {'yes' if holds else 'NO'}\n")
-            sys.stdout.flush()
-    if as_json:
-        sys.stdout.write(json.dumps({"rows": table, "cpu_seconds": time.process_time() - clock}, indent=1) + "\n")
+    show(chosen(parts()))
 
 
 if __name__ == "__main__":

@@ -5,15 +5,13 @@ joints in a row and weights that change over 15 cm, as at a shoulder; the target
 outside, with a band of 20 cm pushed out of reach so that it must be inpainted.
 """
 
-import json
-import os
-import sys
 import time
 
 import numpy as np
 
 from tasks.skinning.linear_blend import repose, unpose
 from tasks.skinning.weight_transfer import transfer_weights
+from tests.benchmarks.table import show
 from tests.skinning.test_linear_blend import random_transforms
 from tests.skinning.test_weight_transfer import cylinder
 
@@ -22,13 +20,7 @@ JOINTS = 55
 
 def main() -> None:
     """Measure and print."""
-    table = [{"metric": m, "value": float(f"{v:.4g}"), "target": t, "holds": bool(h)} for m, v, t, h in _rows()]
-    if os.environ.get("JSON") == "1":
-        sys.stdout.write(json.dumps(table, indent=1) + "\n")
-        return
-    sys.stdout.write("metric | value | target | holds\n")
-    for row in table:
-        sys.stdout.write(f"{row['metric']} | {row['value']} | {row['target']} | {'yes' if row['holds'] else 'NO'}\n")
+    show(_rows())
 
 
 def weights_along(vertices):

@@ -3,14 +3,14 @@
 `python -m tests.benchmarks.tracking` prints metric | value | target | holds; JSON=1 the same as JSON, QUICK=1 three frames instead of ten.
 """
 
-import json
 import os
-import sys
 import time
+from itertools import chain
 
 import numba
 import numpy as np
 
+from tests.benchmarks.table import show
 from tests.tracking.scores import normal_error, rmse, track
 from tests.tracking.skirt import skirt
 
@@ -18,14 +18,7 @@ from tests.tracking.skirt import skirt
 def main() -> None:
     """Measure and print."""
     frames = 3 if os.environ.get("QUICK") == "1" else 10
-    rows = [*_accuracy_and_cost(frames), *_ablation(min(frames, 6)), *_hard_case(min(frames, 6))]
-    table = [{"metric": m, "value": round(float(v), 4), "target": t, "holds": bool(h)} for m, v, t, h in rows]
-    if os.environ.get("JSON") == "1":
-        sys.stdout.write(json.dumps(table, indent=1) + "\n")
-        return
-    sys.stdout.write("metric | value | target | holds\n")
-    for row in table:
-        sys.stdout.write(f"{row['metric']} | {row['value']} | {row['target']} | {'yes' if row['holds'] else 'NO'}\n")
+    show(chain(_accuracy_and_cost(frames), _ablation(min(frames, 6)), _hard_case(min(frames, 6))))
 
 
 def _accuracy_and_cost(frames):
@@ -46,7 +39,7 @@ def _accuracy_and_cost(frames):
     within = (np.abs(e[seen]) < 2 * σ[seen][:, None]).mean()
     same = np.array_equal(threaded.vertices, found.vertices[:2]) and np.array_equal(first.vertices, found.vertices[:1])
     yield "RMSE of the worst frame [mm]", worst * 1e3, "< 3", worst < 0.003
-    yield "untracked, for comparison [mm]", rmse(s.vertices[0], s.vertices[-1]) * 1e3, "-", True
+    yield "untracked, for comparison [mm]", rmse(s.vertices[0], s.vertices[-1]) * 1e3, "-", None
     yield "CPU seconds per frame", cpu, "<= 4.75", cpu <= 4.75
     yield "share of coordinates within 2 sigma", within, "0.90..0.99", 0.90 < within < 0.99
     yield "vertices seen", seen.mean(), "> 0.95", seen.mean() > 0.95
