@@ -25,7 +25,7 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restarted, restated, split, unwrinkled
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, enough, gather, lengths, restarted, restated, split, unwrinkled
 from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, comes_nearer, corrected_model
@@ -35,8 +35,6 @@ from tasks.gap.trials import Trials
 from tasks.gap.verdict import Candidate, Verdict
 
 Array = NDArray[np.float64]
-
-FOLLOWED = 0.75  # share of the windows
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ def _taught(data: Gathered, apart: bool) -> tuple[Gathered, Gathered | None]:
 
 def _predicted(screened: Screened, train: Gathered, tell: Callable[[str], None]) -> bool:
     """Whether nearly all windows could be followed, and derivatives held in them."""
-    if len(screened.evidence) < max(FEWEST_WINDOWS, FOLLOWED * len(train.windows)):
+    if not enough(len(screened.evidence), len(train.windows)):
         return False
     misfit = float(np.median(screened.windows.overdispersion))
     tell(f"misfit {misfit:.3g} with every effect allowed")

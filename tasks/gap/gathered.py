@@ -17,7 +17,8 @@ from tasks.effects.model import Model
 Array = NDArray[np.float64]
 
 HELD = 0.3  # share of each recording's windows kept for the end where no recording is given for it
-FEWEST_WINDOWS = 4  # of training windows that can be followed
+FEWEST_WINDOWS = 4  # of training windows that can be followed,
+FOLLOWED = 0.75  # and least share of them
 ENOUGH = 8  # windows of all recordings, before they are made longer: their scatter says how sure a strength is
 
 
@@ -55,6 +56,11 @@ class Gathered:
     def only(self, windows: Iterable[Window]) -> "Gathered":
         """Some of the windows."""
         return replace(self, windows=tuple(windows))
+
+
+def enough(followed: int, windows: int) -> bool:
+    """Whether so many of the windows that can be followed tell of a model."""
+    return followed >= max(FEWEST_WINDOWS, FOLLOWED * windows)
 
 
 def typical_noise(recordings: Sequence[Recording]) -> float:

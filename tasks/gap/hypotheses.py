@@ -272,6 +272,10 @@ class Windows:
         """These windows and further ones, linear about the same."""
         return Windows([*self.given, *normals], self.effects, self.origin, self.feigned)
 
+    def only(self, kept: Sequence[int]) -> "Windows":
+        """Some of these windows, linear about the same."""
+        return self if len(kept) == len(self) else Windows([self.given[k] for k in kept], self.effects, self.origin, self.feigned)
+
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
 

@@ -1,6 +1,6 @@
 """Refits of hypotheses with the simulator: which are worth one, the refit, and what a second effect would add beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
-from tasks.gap.gathered import Gathered, jobs, restarted
+from tasks.gap.gathered import Gathered, enough, jobs, restarted
 from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.joint_estimate import disagreement, foretold, joint
@@ -31,13 +31,15 @@ TWIN = 0.01  # of evidence, so that of two that are the same the one that was si
 
 @dataclass(frozen=True)
 class Refitted:
-    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, these linear about it, its replays, and what replays
-    as it was simulated tell of every effect (`Replay.normals`, mean)."""
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, those of them that could be followed linear about it
+    (`windows`; None where these are too few) and, linear about the base, what they are compared with (`against`), its replays, and what replays as it was simulated
+    tell of every effect (`Replay.normals`, mean)."""
 
     hypothesis: Fitted
     model: Model
     evidence: tuple[Evidence, ...]
     windows: Windows | None
+    against: Windows | None = None
     replays: tuple[Replay | None, ...] = ()
     told: Normals | None = None
 
@@ -52,17 +54,28 @@ def refitted(
 ) -> Refitted:
     """The training windows followed once more with the hypothesis' effects at their strengths, and what a last linear step adds.
 
-    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents.
+    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents. Where too few windows can be followed so far
+    from there, half-way.
     """
-    base, fabric = screened.base, (start or screened.base.model).subject.fabric
-    model = with_fabric(base.model, moved(fabric, hypothesis.base)[0])
-    model = model.joined(effects, {e.name: hypothesis.θ(e) for e in hypothesis.effects})
-    evidence = _simulated(model, screened, data, screened.evidence, run)
-    if not all(e.prediction.complete for e in evidence):
-        return Refitted(replace(hypothesis, weights=()), model, evidence, None)
-    normals = compressed(evidence, screened.prior, effects, screened.doubt)
-    about = screened.windows.about(normals, hypothesis.effects, hypothesis.strengths)
-    return Refitted(about.fit(hypothesis.effects), model, evidence, about)
+    for model in _on_the_way(screened.base.model.joined(effects, {}), start or screened.base.model, hypothesis):
+        evidence = _simulated(model, screened, data, screened.evidence, run)
+        followed = [k for k, e in enumerate(evidence) if e.prediction.complete]
+        if enough(len(followed), len(evidence)):
+            against = screened.windows.only(followed)
+            normals = compressed([evidence[k] for k in followed], screened.prior, effects, screened.doubt)
+            there = {c: float(θ) for e in hypothesis.effects for c, θ in zip(e.columns, model.strength(e), strict=True)}
+            about = against.about(normals, hypothesis.effects, there)
+            return Refitted(about.fit(hypothesis.effects), model, evidence, about, against)
+    return Refitted(replace(hypothesis, weights=()), model, evidence, None)
+
+
+def _on_the_way(model: Model, start: Model, hypothesis: Fitted) -> Iterator[Model]:
+    """The model in the fabric and with the strengths of the hypothesis, then half-way to them from those of `start`, if these are others."""
+    asked = {e.name: (start.strength(e), hypothesis.θ(e)) for e in hypothesis.effects}
+    moves = np.any(hypothesis.base) or any(np.any(now != then) for now, then in asked.values())
+    for share in (1.0, 0.5) if moves else (1.0,):
+        fabric = moved(start.subject.fabric, share * hypothesis.base)[0]
+        yield with_fabric(model.joined([], {name: (1 - share) * now + share * then for name, (now, then) in asked.items()}), fabric)
 
 
 def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map = map) -> Refitted:
@@ -71,8 +84,10 @@ def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Se
     evidence = _simulated(named.model, screened, data, before, run)
     both = [pair for pair in zip(before, evidence, strict=True) if all(e.prediction.complete for e in pair)]
     base, own = (compressed([pair[k] for pair in both], screened.prior, effects, screened.doubt) for k in (0, 1))
-    windows = screened.windows.beside(base).about([*origin.given, *own], named.hypothesis.effects, origin.origin)
-    return replace(named, hypothesis=replace(named.hypothesis, weights=windows.fit(named.hypothesis.effects).weights), windows=windows)
+    against = named.against.beside(base)
+    windows = against.about([*origin.given, *own], named.hypothesis.effects, origin.origin)
+    hypothesis = replace(named.hypothesis, weights=windows.fit(named.hypothesis.effects).weights)
+    return replace(named, hypothesis=hypothesis, windows=windows, against=against)
 
 
 def _simulated(model: Model, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map) -> tuple[Evidence, ...]:

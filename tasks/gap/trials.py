@@ -135,7 +135,10 @@ class Trials:
             elif now is None:
                 self.after[leader.name] = self.simulate(leader)
             elif now.windows is not None and moved_on(now):
-                self.after[leader.name] = self.simulate(leader, now.model)
+                further = self.simulate(leader, now.model)
+                if further.windows is None:  # cannot be followed so far; what was found before stands
+                    return
+                self.after[leader.name] = further
             else:
                 return
 

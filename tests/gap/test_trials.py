@@ -79,6 +79,21 @@ def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, gro
     assert all(origin == "base" + "+" * k for k, (_, origin) in enumerate(t.asked))
 
 
+def test_what_was_simulated_stands_where_it_cannot_be_followed_further(monkeypatch):
+    strength = {FRICTION: 0.3}
+
+    def finds(name, origin):
+        strength[name] = strength.get(name, 0.3) * 1.5
+        return strength[name], 20.0 if name == FRICTION else 1.0
+
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=finds)
+    simulate = t.simulate
+    monkeypatch.setattr(t, "simulate", lambda h, start=None: replace(simulate(h, start), windows=None if start else ()))
+    t.settle(quick=False)
+    assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
+    assert t.after[FRICTION].model.name == "base+" and t.leader.evidence == 20.0
+
+
 @pytest.mark.parametrize("better", [True, False])
 def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_better_one_stays(monkeypatch, better):
     def finds(name, origin):
