@@ -44,7 +44,8 @@ def fit(
     Parameters
     ----------
     track: NPZ of tracked geometry, or a folder with one OBJ or PLY per frame.
-    method: Gauss-Newton on derivatives, of windows or of one replay of the whole, or Algorithm 1 of PhysAvatar (finite differences and Adam, 100 iterations).
+    method: Gauss-Newton on derivatives, of windows or of one replay of the whole, or Algorithm 1 of PhysAvatar (finite differences and
+    Adam, 100 iterations).
     as_released: Algorithm 1 with the released code's raw Adam.
     boundary: Driven nodes follow the tracked surface, or ride on the nearest face of the collider.
     frames: How many frames after the first are compared; Algorithm 1 takes 24.

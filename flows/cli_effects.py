@@ -21,7 +21,8 @@ def effects(
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
     markdown: Annotated[bool, Parameter(name="--markdown", negative="")] = False,
 ) -> int:
-    """Every effect of the library and of `effects_folder`: its strengths, their units and ranges, and what some recordings cannot tell from it.
+    """Every effect of the library and of `effects_folder`: its strengths, their units and ranges, and what some recordings cannot tell from
+    it.
 
     Parameters
     ----------

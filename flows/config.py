@@ -1,4 +1,5 @@
-"""What a user can set: physavatar.toml < environment (PHYSAVATAR_…, `__` between levels) < flags. Unknown names are refused with the nearest one.
+"""What a user can set: physavatar.toml < environment (PHYSAVATAR_…, `__` between levels) < flags. Unknown names are refused with the
+nearest one.
 
 store = "artifacts"                      # where results go
 data = "data"                            # where recordings lie: <data>/<actor>/<sequence>

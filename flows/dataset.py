@@ -29,8 +29,9 @@ State = Literal["finished", "new", "changed", "unfinished", "refused"]
 
 
 class DatasetParameters(Parameters):
-    """What the dataset flow may use. in_flight: sequences at once; gpu_hours: quota of one run of the flow, in hours of the
-    pools tracking and rendering, which use no GPU yet; store_gb: quota of the store; keep_free_gb: disk space that stays free; until: last stage."""
+    """What the dataset flow may use. in_flight: sequences at once; gpu_hours: quota of one run of the flow, in hours of the pools tracking
+    and rendering, which use no GPU yet; store_gb: quota of the store; keep_free_gb: disk space that stays free; until: last stage.
+    """
 
     in_flight: int = 4
     gpu_hours: float | None = None

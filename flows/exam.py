@@ -5,8 +5,9 @@
     FOLDER/answers-chance/case-0007/  the same of a rival
     FOLDER/sealed.truth/case-0007/    truth.json held-out.npz                                       what only the scorer opens
 
-An open exam takes its seed from the user and serves tuning. The seed of a sealed one is drawn from the code that is examined: whoever changes
-the code gets other questions. Every sealed attempt is added to the scoreboard, and what may be quoted is the pool of all attempts of a version.
+An open exam takes its seed from the user and serves tuning. The seed of a sealed one is drawn from the code that is examined: whoever
+changes the code gets other questions. Every sealed attempt is added to the scoreboard, and what may be quoted is the pool of all attempts
+of a version.
 
 A case is a task: made, diagnosed and answered by rivals on its own. `spread` says where tasks run; their files are the checkpoints, so that
 whoever comes next goes on where the last one stopped, wherever that was.
@@ -203,7 +204,9 @@ def seal(folder: Path) -> str:
 
 
 def generate(folder: Folder, wanted: Sequence[Question], once: Once | None = None) -> Iterator[tuple[int, str]]:
-    """Make the cases that are not there yet; yields each number and what came of it. What could not be made is not tried again: its draws would be the same."""
+    """Make the cases that are not there yet; yields each number and what came of it. What could not be made is not tried again: its draws
+    would be the same.
+    """
     for question in wanted:
         refused = folder.left_out(question.number)
         if folder.made(question.number):
@@ -291,7 +294,8 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
 
 
 def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
-    """The row of a case that was answered; what a rival closes is told against the diagnosis' prediction without any cause, the same for all.
+    """The row of a case that was answered; what a rival closes is told against the diagnosis' prediction without any cause, the same for
+    all.
 
     Raises ValueError if the truth was touched.
     """
@@ -315,8 +319,9 @@ def sit(
 ) -> Row:
     """Make, diagnose and score all cases, and let rivals answer them.
 
-    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of this version and
-    seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the examined
+    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of
+    this version and seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the
+    examined
     code was changed meanwhile: the answers would be those of no version.
     """
     began = version()

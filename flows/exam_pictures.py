@@ -1,4 +1,5 @@
-"""The blind check from images on: a recording with a planted fault of calibration or body goes through all stages, and what `gap` answers is marked.
+"""The blind check from images on: a recording with a planted fault of calibration or body goes through all stages, and what `gap` answers
+is marked.
 
     FOLDER/data/case-0003/Sequence1/           pictures, calibration, scan: what the stages may read
     FOLDER/pictures.truth/case-0003/Sequence1/ what the demo's maker keeps to itself; the ending closes it to every stage
@@ -6,11 +7,12 @@
     FOLDER/artifacts/                          the store of the stages
     FOLDER/answers/case-0003/answer.json       what `gap` answered
 
-A calibration that leans is made as gravity that leans: in recorded coordinates the two are one. A body of the wrong size is made as a garment that lies
-on more than the skin that is seen. Actors, fabrics, paint and cameras are drawn anew for every case; the dance is the demo's, at another vigour.
+A calibration that leans is made as gravity that leans: in recorded coordinates the two are one. A body of the wrong size is made as a
+garment that lies on more than the skin that is seen. Actors, fabrics, paint and cameras are drawn anew for every case; the dance is the
+demo's, at another vigour.
 
-Not independent as the generator's cases are: the cloth of these recordings is moved by the simulator that is examined, on another mesh. What they test is
-whether a cause survives pictures, tracking and registration. They are never pooled with others (`exam_scoreboard.py`).
+Not independent as the generator's cases are: the cloth of these recordings is moved by the simulator that is examined, on another mesh.
+What they test is whether a cause survives pictures, tracking and registration. They are never pooled with others (`exam_scoreboard.py`).
 """
 
 import json
@@ -99,7 +101,8 @@ def _question(number: int, seed: int, size: Request) -> Question:
 
 
 def sit(folder: Folder, count: int, seed: int, split: Split, *, scoreboard: Path = SCOREBOARD, say: Say = lambda line: None) -> Row:
-    """Make the recordings, run all stages on each, and mark what `gap` says; what is there is kept. A sealed attempt goes to the scoreboard.
+    """Make the recordings, run all stages on each, and mark what `gap` says; what is there is kept. A sealed attempt goes to the
+    scoreboard.
 
     Raises RuntimeError when the examined code was changed meanwhile.
     """

@@ -40,7 +40,8 @@ def chosen(names: Sequence[str]) -> list[Rival]:
 def run(
     names: Sequence[str], tracks: Sequence[Path], *, predict: Path, out: Path, without: Sequence[str] = ()
 ) -> dict[str, dict[str, Any] | None]:
-    """name -> answer, None of a rival that fell over. NAME.json, the answer, and NAME.npz, the blind prediction, go into the folder `out` as soon as there are any.
+    """name -> answer, None of a rival that fell over. NAME.json, the answer, and NAME.npz, the blind prediction, go into the folder `out`
+    as soon as there are any.
 
     Raises BadInput before any work starts.
     """

@@ -61,7 +61,8 @@ def result(split: str, attempt: Row, scoreboard: Path) -> Row:
 
 
 def every_version(scoreboard: Path = SCOREBOARD, beginning: str = "", edition: int = EDITION) -> Row:
-    """Figures of all sealed cases of an edition that any version has sat, or those whose hash has this beginning, and how many each did, the first version first.
+    """Figures of all sealed cases of an edition that any version has sat, or those whose hash has this beginning, and how many each did,
+    the first version first.
 
     A case was new to the version that sat it, for its seed holds the code. Who made a version knew how those before it had fared.
     """

@@ -31,7 +31,8 @@ LIMIT_S = 1800.0  # of one window
 
 @dataclass(frozen=True)
 class Request:
-    """Files of one garment: recordings to learn from, recordings held out, a blind file and where its prediction goes; effects to leave out.
+    """Files of one garment: recordings to learn from, recordings held out, a blind file and where its prediction goes; effects to leave
+    out.
 
     report: HTML page to write; the answer and its evidence go beside it as JSON.
     """

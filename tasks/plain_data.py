@@ -1,7 +1,7 @@
 """Results of computations as bytes that cannot do anything: arrays in NPZ without pickles, everything else as JSON.
 
-Read back by the type that is expected, never by a name in the file: numbers, text, None, arrays, tuples, lists, dictionaries with text keys, and
-dataclasses of these. And a digest of whatever a computation is given, equal wherever it is given the same.
+Read back by the type that is expected, never by a name in the file: numbers, text, None, arrays, tuples, lists, dictionaries with text
+keys, and dataclasses of these. And a digest of whatever a computation is given, equal wherever it is given the same.
 """
 
 import hashlib

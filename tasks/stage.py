@@ -80,8 +80,9 @@ class Job:
     shared: Path | None = None
 
     def spread(self, here: Map, at_once: int) -> Map:
-        """`here`, which computes `at_once` items side by side on this machine. Results are kept until the stage is done: a run that was killed
-        goes on from them, and the helpers of this run, if it has any, find them."""
+        """`here`, which computes `at_once` items side by side on this machine. Results are kept until the stage is done: a run that was
+        killed goes on from them, and the helpers of this run, if it has any, find them.
+        """
         folder = self.shared or self.checkpoint / PARTS
         folder.mkdir(exist_ok=True)
         return SharedMap(folder, here, at_once)

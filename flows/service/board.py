@@ -1,6 +1,7 @@
 """How a campaign stands, in the Prefect UI: its progress and its table, each one artifact that is renewed in place.
 
-A table created anew every few seconds would stay in the database as a version each; Prefect's own `update_artifact` keeps a copy in an event.
+A table created anew every few seconds would stay in the database as a version each; Prefect's own `update_artifact` keeps a copy in an
+event.
 """
 
 import json

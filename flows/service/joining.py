@@ -1,7 +1,7 @@
 """Helpers: runs in a stage's own pool that take part in its computation from other machines (`tasks/shared_map.py`).
 
-Nobody waits for one: where no worker is free the stage goes on alone, and a helper that comes late finds the artifact and ends. They stand in the
-queue `helpers`, behind everything else.
+Nobody waits for one: where no worker is free the stage goes on alone, and a helper that comes late finds the artifact and ends. They stand
+in the queue `helpers`, behind everything else.
 """
 
 import asyncio

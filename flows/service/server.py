@@ -24,7 +24,8 @@ def api_url(service: ServiceParameters) -> str:
 
 
 def credential(service: ServiceParameters) -> str | None:
-    """`user:password` of the server. One of ours that listens beyond loopback has one: if none is set, it is made up and kept in the home folder.
+    """`user:password` of the server. One of ours that listens beyond loopback has one: if none is set, it is made up and kept in the home
+    folder.
 
     Raises Refused for one of those whose credential is no user and password.
     """

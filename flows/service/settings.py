@@ -1,6 +1,7 @@
 """Settings on their way to a worker, which shares folders with whoever asks, but neither a working directory nor an installation.
 
-Every path is made absolute. A model that comes with the code is left out, and each worker takes its own: the artifacts' keys hold its content.
+Every path is made absolute. A model that comes with the code is left out, and each worker takes its own: the artifacts' keys hold its
+content.
 """
 
 from pathlib import Path

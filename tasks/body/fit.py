@@ -2,8 +2,8 @@
 
     L = λ_b Σ d(body) + λ_h Σ d(hands) + λ_m‖m_h‖² + λ_l‖θ_b‖² + λ_f‖θ_f‖² + λ_β‖β‖² + λ_ψ‖ψ‖²
 
-One shape for the whole sequence, fitted jointly on a few frames and then frozen. The first frame in which cameras agree on a point starts from
-triangulated points, those after it from the one before, those before it from the one after. Terms in `objective.py`, image distance in
+One shape for the whole sequence, fitted jointly on a few frames and then frozen. The first frame in which cameras agree on a point starts
+from triangulated points, those after it from the one before, those before it from the one after. Terms in `objective.py`, image distance in
 `reprojection.py`, decisions in README.md.
 Limits: θ_b is the axis-angle pose drawn to the rest pose, not a VPoser latent (its licence forbids shipping it): what no camera sees tends
 to rest. Twist of a limb about its axis is only seen through the next joint. One person, metric cameras, no contact with the ground, no

@@ -3,9 +3,9 @@
     L = Σ_q λ_q (N/C) Σ_c score d(e)  [reprojection.py]  +  Σ_i λ_i (z_i − z̄_i)²  (+ λ_β‖β‖² while the shape is free)
     z = (translation 3, pelvis to wrists 66, left hand 12, right hand 12 [, jaw 3, expression E])
 
-`[…]` only when face points count. z̄ = 0, the rest pose, unless a pose is already known. Other points of the body compared with something else than
-images take the place of the keypoints (`on_surface`). Equation 2 prints norms; squares are taken, as all of the SMPLify family do: the pull of a plain norm
-does not fade at rest and would hold hands exactly at their mean until the images gain more than λ_m.
+`[…]` only when face points count. z̄ = 0, the rest pose, unless a pose is already known. Other points of the body compared with something
+else than images take the place of the keypoints (`on_surface`). Equation 2 prints norms; squares are taken, as all of the SMPLify family
+do: the pull of a plain norm does not fade at rest and would hold hands exactly at their mean until the images gain more than λ_m.
 Limit: eyes do not turn.
 """
 

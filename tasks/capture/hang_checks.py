@@ -1,8 +1,8 @@
 """Whether free cloth hangs the way gravity pulls: the upward axis of a file, judged by its garment.
 
-d, from the mean of the driven vertices to that of the others, points down where cloth hangs. A body may hold it up (a sleeve on a stretched arm), so with a
-collider this is only worth a warning. Without one nothing else can: cloth that in every frame of a quarter of a second leans further than `LEANING` from the
-vertical hangs in a file whose axes are not what they are said to be.
+d, from the mean of the driven vertices to that of the others, points down where cloth hangs. A body may hold it up (a sleeve on a stretched
+arm), so with a collider this is only worth a warning. Without one nothing else can: cloth that in every frame of a quarter of a second
+leans further than `LEANING` from the vertical hangs in a file whose axes are not what they are said to be.
 """
 
 import numpy as np

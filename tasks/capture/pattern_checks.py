@@ -1,7 +1,8 @@
 """What can be wrong with a sewing pattern: places uv [V, 2] m of a garment's vertices in the plane.
 
-Each face must have an area there, point the same way as the rest of its piece, and be about as large as on the body: cloth stretches by a few per cent, so
-edges that differ by more than a factor of two are in another unit, or the pattern of another garment. A piece may be mirrored as a whole.
+Each face must have an area there, point the same way as the rest of its piece, and be about as large as on the body: cloth stretches by a
+few per cent, so edges that differ by more than a factor of two are in another unit, or the pattern of another garment. A piece may be
+mirrored as a whole.
 """
 
 import numpy as np

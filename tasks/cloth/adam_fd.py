@@ -3,11 +3,10 @@
     E(ρ, κ_s, κ_b) = 1/(T−1) Σ_{t=1}^{T−1} 1/V Σ_i ‖x_{t,i} − x̂_{t,i}‖²       free vertices, x̂ the tracked mesh, x_0 = x̂_0
     g_k = (E(θ + δ_k e_k) − E(θ)) / δ_k,      θ ← clamp(θ − Adam(g)),      all three at once, 100 times
 
-δ = (5 kg/m³, 0.05, 0.05), ρ in 200–640 kg/m³, κ in 0.1–8, 24 frames, one backward Euler step per frame (0.04 s at 25 frames
-per second); at the top of a range the
-difference is taken backwards. Adam works on (θ − low)/(high − low): in raw units, as released, its steps are at most the learning rate, so 100
-of them move the density by about 7 of 440 kg/m³ and the parameter is in effect frozen. `as_released` shows that: raw units, rate 0.1 to 0.04, the
-perturbed value clipped at the top of its range yet divided by the whole δ, the density cut to an integer.
+δ = (5 kg/m³, 0.05, 0.05), ρ in 200–640 kg/m³, κ in 0.1–8, 24 frames, one backward Euler step per frame (0.04 s at 25 frames per second); at
+the top of a range the difference is taken backwards. Adam works on (θ − low)/(high − low): in raw units, as released, its steps are at most
+the learning rate, so 100 of them move the density by about 7 of 440 kg/m³ and the parameter is in effect frozen. `as_released` shows that:
+raw units, rate 0.1 to 0.04, the perturbed value clipped at the top of its range yet divided by the whole δ, the density cut to an integer.
 
 The four simulations of an iteration know nothing of one another: `run` maps over them, here, in a pool of processes, or on workers.
 A point whose simulation fails is pulled half-way back to the last good one; a perturbed one that fails is taken on the other side.

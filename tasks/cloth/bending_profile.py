@@ -1,14 +1,14 @@
 """κ_b from losses at three stiffnesses, for its derivatives mislead.
 
-Cloth that folds answers to bending with wrinkles which fall anew wherever they are simulated. JᵀJ counts each of them as knowledge, and as curvature: in
-soft cloth Gauss–Newton's step in log κ_b was a tenth of the way that the loss fell on, and was called converged; its intervals held one truth of ten. So after
-Gauss–Newton the windows are followed at κ_b e^{±h} too. Their losses l_w = n log(χ²_w/n) (scale unknown, start marginalised) bracket the minimum, and are its
-normal equations,
+Cloth that folds answers to bending with wrinkles which fall anew wherever they are simulated. JᵀJ counts each of them as knowledge, and as
+curvature: in soft cloth Gauss–Newton's step in log κ_b was a tenth of the way that the loss fell on, and was called converged; its
+intervals held one truth of ten. So after Gauss–Newton the windows are followed at κ_b e^{±h} too. Their losses l_w = n log(χ²_w/n) (scale
+unknown, start marginalised) bracket the minimum, and are its normal equations,
 
     g_w = −½ ∂l_w/∂log κ_b,    H = Σ_w ½ ∂²l_w/∂(log κ_b)²    (of the parabola through three losses)
 
-Where stiffness changes nothing, H is nothing, though JᵀJ is not. κ_s keeps its derivatives: what stretches does not fold.
-What a finer computation adds to windows (`numerics.py`) is taken off each, and what it does to all of them alike stands beside what their scatter tells.
+Where stiffness changes nothing, H is nothing, though JᵀJ is not. κ_s keeps its derivatives: what stretches does not fold. What a finer
+computation adds to windows (`numerics.py`) is taken off each, and what it does to all of them alike stands beside what their scatter tells.
 
 Source: profile likelihood (Pawitan 2001, § 3.4). Limits: one parameter; a minimum beyond `FURTHEST` steps is not reached.
 """

@@ -1,8 +1,9 @@
 """What a killed fit leaves behind: where a search by differences stands, and the frames of the replay it was in.
 
-A fit that is begun again must end as if nobody had killed it. So a replay goes on from where it stood after its last frame (`simulator/standing.py`), to the
-same bits. A replay that was already going on more carefully left nothing of that kind and begins anew. Once processes have died in a replay `DEATHS` times
-without getting further, the simulation is held to be the cause, and goes on from its last frame in smaller steps.
+A fit that is begun again must end as if nobody had killed it. So a replay goes on from where it stood after its last frame
+(`simulator/standing.py`), to the same bits. A replay that was already going on more carefully left nothing of that kind and begins anew.
+Once processes have died in a replay `DEATHS` times without getting further, the simulation is held to be the cause, and goes on from its
+last frame in smaller steps.
 """
 
 import json

@@ -3,8 +3,8 @@
     1 − chord/arc = φ²/24        φ: angle by which the surface turns along an edge, about the hinge angle between two triangles
     σ²/ℓ²                        lengthening of an edge ℓ whose ends err by σ across it; a third is left in the states that windows start from
 
-Averaged over hinges and frames. So much scale of the pattern or of the cameras nobody can tell from the mesh: on 13 open cases without a fault of
-scale, 11 estimates lay within once that of zero, one at 2.2 and one (a heavy hem) at 4 times.
+Averaged over hinges and frames. So much scale of the pattern or of the cameras nobody can tell from the mesh: on 13 open cases without a
+fault of scale, 11 estimates lay within once that of zero, one at 2.2 and one (a heavy hem) at 4 times.
 """
 
 from collections.abc import Sequence

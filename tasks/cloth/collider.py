@@ -1,8 +1,9 @@
 """The body as collider: its skin near the garment, decimated, and drawn in where the fitted body pokes through the garment it wears.
 
 A fitted body is off by millimetres to a centimetre and ignores flattened flesh, while contact needs a start without intersections. Where a
-point of the garment lies closer than the clearance or inside, the three corners of the nearest body face are drawn in along their normals by
-what is missing, spread to the neighbours, until nothing is closer. One depth per vertex serves all frames, so the collider moves as the body does.
+point of the garment lies closer than the clearance or inside, the three corners of the nearest body face are drawn in along their normals
+by what is missing, spread to the neighbours, until nothing is closer. One depth per vertex serves all frames, so the collider moves as the
+body does.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """The replay of a whole scene by a model that has effects beside the base.
 
-An effect may remember what the cloth went through, so a replay that fails begins anew with twice the substeps; it does not go on from its last good
-frame as a replay of the base model does (`perseverance.py`).
+An effect may remember what the cloth went through, so a replay that fails begins anew with twice the substeps; it does not go on from its
+last good frame as a replay of the base model does (`perseverance.py`).
 """
 
 from dataclasses import replace

@@ -1,6 +1,7 @@
 """How far the edges of a coarse cloth hold its vertices off a curved body, and the body drawn in by as much.
 
-Real cloth lies on the body. A mesh touches it with its edges first, which leaves their ends, and so the vertices that are compared, above it by
+Real cloth lies on the body. A mesh touches it with its edges first, which leaves their ends, and so the vertices that are compared, above
+it by
 
     s = κ ℓ²/8        κ: curvature of the body along an edge of length ℓ  (the sagitta of a chord)
 

@@ -1,25 +1,28 @@
 """What the driven nodes really did: a tracked boundary without the tracker's noise.
 
-Driven nodes are stiff: a millimetre of noise at 30 frames per second is an acceleration of several metres per second squared that the cloth must
-follow, and strain on the edges between them. On a skirt of 650 vertices 1 mm of noise at the waist moved the rest by 10–25 mm within eight frames.
+Driven nodes are stiff: a millimetre of noise at 30 frames per second is an acceleration of several metres per second squared that the cloth
+must follow, and strain on the edges between them. On a skirt of 650 vertices 1 mm of noise at the waist moved the rest by 10–25 mm within
+eight frames.
 
-A border moves almost rigidly with the body. Its motion is split into the rigid motion of all nodes (Kabsch 1976, averaged over them), the mean shape,
-and what remains, of which only the principal components are kept that noise alone would not make: white noise σ on a T × 3B matrix has no
-singular value above about σ(√T + √(3B)) (Geman 1980).
+A border moves almost rigidly with the body. Its motion is split into the rigid motion of all nodes (Kabsch 1976, averaged over them), the
+mean shape, and what remains, of which only the principal components are kept that noise alone would not make: white noise σ on a T × 3B
+matrix has no singular value above about σ(√T + √(3B)) (Geman 1980).
 
-What is left of the noise after that still makes cloth look stiff: on a skirt of 392 vertices in its true fabric 0.36 mm at the waist asked for 0.4 more
-of log κ_b. Two parts of it can be told from motion. The mean shape errs by σ/√T in all frames alike, as wrinkles of the waist. Where a rest shape is
-known, it is drawn there: of the difference d the share max(0, 1 − σ²/(T mean d²)) is kept that noise does not make (a rest shape that is itself one
-noisy frame differs by all of σ, and changes nothing). Poses err by the noise of the mean over the nodes, σ√(2/B) per coordinate, by other noise in
+What is left of the noise after that still makes cloth look stiff: on a skirt of 392 vertices in its true fabric 0.36 mm at the waist asked
+for 0.4 more of log κ_b. Two parts of it can be told from motion. The mean shape errs by σ/√T in all frames alike, as wrinkles of the waist.
+Where a rest shape is
+known, it is drawn there: of the difference d the share max(0, 1 − σ²/(T mean d²)) is kept that noise does not make (a rest shape that is
+itself one noisy frame differs by all of σ, and changes nothing). Poses err by the noise of the mean over the nodes, σ√(2/B) per coordinate,
+by other noise in
 every frame: cloth is shaken. So the rigid motion is smoothed in time as far as it is smooth,
 
     x̂ = (1 + λ D₃ᵀD₃)⁻¹ x,     D₃: third differences,     λ: least |x − x̂|²/tr(1 − (1 + λ D₃ᵀD₃)⁻¹)²
 
-and by no more than that noise. A polynomial through five frames would smooth all motions alike: at 25 frames per second it loses 0.5 mm of a ring
-that turns by 40 degrees at 1.3 Hz.
+and by no more than that noise. A polynomial through five frames would smooth all motions alike: at 25 frames per second it loses 0.5 mm of
+a ring that turns by 40 degrees at 1.3 Hz.
 
-Source: James & Stein 1961 (the share); Whittaker 1923; Craven & Wahba 1979 (generalised cross-validation). Limits: what a single node does beyond that
-is lost; one λ serves all frames, so that a jolt keeps the noise of the whole recording.
+Source: James & Stein 1961 (the share); Whittaker 1923; Craven & Wahba 1979 (generalised cross-validation). Limits: what a single node does
+beyond that is lost; one λ serves all frames, so that a jolt keeps the noise of the whole recording.
 """
 
 import numpy as np
@@ -33,8 +36,9 @@ SMOOTHNESS = 10.0 ** np.arange(-4, 4.1, 0.25)  # candidates for λ
 
 
 def quieted(x: Array, noise: float, rest: Array | None = None) -> Array:
-    """The motion [T, B, 3] m of driven nodes from what was tracked of them, with white noise of `noise` [m] per coordinate; `rest` [B, 3] m:
-    where they lie in the rest shape."""
+    """The motion [T, B, 3] m of driven nodes from what was tracked of them, with white noise of `noise` [m] per coordinate; `rest` [B, 3]
+    m: where they lie in the rest shape.
+    """
     T, B, _ = x.shape
     if not noise or min(B, T) < FEWEST:
         return x

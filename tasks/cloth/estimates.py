@@ -1,11 +1,12 @@
 """What a fit says about the fabric, in units anybody can check, and what it cannot say.
 
-Without air every term of the base model is proportional to one of (ρ, κ_s, κ_b) or to nothing: c·(ρ, κ_s, κ_b) moves exactly as (ρ, κ_s, κ_b) does,
-for every c > 0. That gauge direction is not estimated: ratios to the density are, and a weight turns them into stiffnesses.
+Without air every term of the base model is proportional to one of (ρ, κ_s, κ_b) or to nothing: c·(ρ, κ_s, κ_b) moves exactly as (ρ, κ_s,
+κ_b) does, for every c > 0. That gauge direction is not estimated: ratios to the density are, and a weight turns them into stiffnesses.
 
     κ_s/ρ, κ_b/ρ  [m³/kg],      E t/ρ̄ [m²/s²],  B/ρ̄ [m⁴/s²] with the areal density ρ̄
 
-Where effects were added to the base model, their strengths stand beside these, under the effects' columns (`air_normal_drag`, `air_wind.w_x`).
+Where effects were added to the base model, their strengths stand beside these, under the effects' columns (`air_normal_drag`,
+`air_wind.w_x`).
 """
 
 from collections.abc import Mapping

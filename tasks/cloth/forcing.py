@@ -2,8 +2,9 @@
 
     P = −Σ_i m_i a(X_i)·x_i,    a(X) = Σ_k a_k φ_k(X),    a_k ~ N(0, σ_a²) in each direction
 
-φ: the lowest modes of `state_modes.py`. Whatever the model lacks accelerates cloth; so predictions are not trusted more than such an acceleration allows,
-and σ_a, estimated from the data, says how much is missing. A cause that is right asks for one strength in all windows where this asks for anything anywhere.
+φ: the lowest modes of `state_modes.py`. Whatever the model lacks accelerates cloth; so predictions are not trusted more than such an
+acceleration allows, and σ_a, estimated from the data, says how much is missing. A cause that is right asks for one strength in all windows
+where this asks for anything anywhere.
 
 Source: weak-constraint assimilation (Trémolet 2006); a discrepancy of the model beside its parameters (Kennedy & O'Hagan 2001).
 Limits: what jumps within a window, or is finer than the modes, is not in it.

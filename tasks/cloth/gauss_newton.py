@@ -2,18 +2,18 @@
 
     minimise over θ = (log κ_s, log κ_b)   Σ 3 ρ(s),    ρ(s) = s² where s ≤ δ,  2 δ s − δ² beyond,    s = |x̂ − x(θ)|/(√3 σ), over free, seen vertices
 
-δ = 2.5 max(1, median s) of the replay that a step begins at, and holds for what the step is compared with: a δ that fell with the median would let
-outliers get worse and call it descent.
-Without air, motion depends on κ_s/ρ and κ_b/ρ only (all of inertia, gravity, elasticity, barrier and friction scale with the density), so
-the density is held and the ratios are what is reported. Levenberg damping within a box, |Δθ_p| ≤ `LARGEST_STEP`; a proposal whose simulation
-fails or whose loss is higher shortens the step. The horizon grows: a third of a second is fitted first, in which derivatives hold and a step
-costs little, until a proposal fails there; then the whole, gone on with from that replay's last frame. Residuals of neighbouring vertices
-and frames move together, so blocks of `BLOCK` frames, not vertices, are taken as independent:
-the covariance is that of the jackknife over blocks (Tukey 1958; the CR3 estimate of Bell & McCaffrey 2002, which unlike the sandwich does not promise
-too much where blocks are few), and 90 % are Student's for as many blocks as there are.
+δ = 2.5 max(1, median s) of the replay that a step begins at, and holds for what the step is compared with: a δ that fell with the median
+would let outliers get worse and call it descent. Without air, motion depends on κ_s/ρ and κ_b/ρ only (all of inertia, gravity, elasticity,
+barrier and friction scale with the density), so the density is held and the ratios are what is reported. Levenberg damping within a box,
+|Δθ_p| ≤ `LARGEST_STEP`; a proposal whose simulation fails or whose loss is higher shortens the step. The horizon grows: a third of a second
+is fitted first, in which derivatives hold and a step costs little, until a proposal fails there; then the whole, gone on with from that
+replay's last frame. Residuals of neighbouring vertices and frames move together, so blocks of `BLOCK` frames, not vertices, are taken as
+independent: the covariance is that of the jackknife over blocks (Tukey 1958; the CR3 estimate of Bell & McCaffrey 2002, which unlike the
+sandwich does not promise too much where blocks are few), and 90 % are Student's for as many blocks as there are.
 
-Source: Huber 1964; Levenberg 1944; Stark & Parker 1995 (least squares in a box); Pires, Vautard & Talagrand 1996 (quasi-static assimilation: from a short stretch,
-whose loss has few minima, to a long one that has many). Limits: what the first third of a second does not tell may move by its noise there.
+Source: Huber 1964; Levenberg 1944; Stark & Parker 1995 (least squares in a box); Pires, Vautard & Talagrand 1996 (quasi-static
+assimilation: from a short stretch, whose loss has few minima, to a long one that has many). Limits: what the first third of a second does
+not tell may move by its noise there.
 """
 
 from collections.abc import Callable, Sequence
@@ -50,8 +50,8 @@ NEAR_S = 0.33  # [s] the first horizon: beyond it derivatives do not hold in eve
 class Normal:
     """Normal equations per block of frames: g [B, P] = Jᵀ W r and A [B, P, P] = Jᵀ W J, in standard deviations of the observation.
 
-    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`); NaN where it could not be
-    computed, and then no interval is.
+    common: covariance [P, P] of what errs alike in all blocks, of which their scatter says nothing (`numerics.common_error`); NaN where it
+    could not be computed, and then no interval is.
     """
 
     g: Array
@@ -72,8 +72,9 @@ class Normal:
 
     @property
     def half_width(self) -> Array:
-        """Of 90 % intervals [P]: Student's for what blocks tell, B of them say B − 1 times how far they scatter (infinite for one); the normal one for what
-        they have in common, whose size is not told by blocks. The two are independent, so their squares add."""
+        """Of 90 % intervals [P]: Student's for what blocks tell, B of them say B − 1 times how far they scatter (infinite for one); the
+        normal one for what they have in common, whose size is not told by blocks. The two are independent, so their squares add.
+        """
         blocks, common = np.diag(self._of_blocks), np.diag(np.broadcast_to(self.common, self._of_blocks.shape))
         return np.sqrt(self.quantile**2 * blocks + norm.ppf(0.95) ** 2 * common)
 
@@ -189,7 +190,8 @@ def _fitted(
 
 
 class Reached(FrameMemory):
-    """Remembers up to so many frames of every replay, beside what `memory` keeps of the one in progress: the whole goes on where the first horizon ended.
+    """Remembers up to so many frames of every replay, beside what `memory` keeps of the one in progress: the whole goes on where the first
+    horizon ended.
 
     horizon: frames of the replay that asks; `memory` may have kept more of them.
     """

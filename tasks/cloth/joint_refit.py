@@ -1,10 +1,13 @@
-"""The refit of a base model to which effects were added: κ_s, κ_b and all strengths together, by Gauss–Newton over multiple-shooting windows.
+"""The refit of a base model to which effects were added: κ_s, κ_b and all strengths together, by Gauss–Newton over multiple-shooting
+windows.
 
     minimise over θ = (log κ_s, log κ_b, strengths/typical)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w) + Σ_strengths (θ/3)²
 
-with r_w, C_w as in `shooting.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended, at strength
-zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic problem within the
-bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the recording cannot tell apart.
+with r_w, C_w as in `shooting.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended,
+at strength
+zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic problem
+within the bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the recording
+cannot tell apart.
 
 Source: Coleman & Li 1996 (the bounded step, as in scipy's lsq_linear); Nocedal & Wright 2006, ch. 10 (Levenberg damping).
 """

@@ -2,22 +2,27 @@
 
     D_e = x(computed otherwise in the way e) − x      [L, V, 3] m, at the given vertices
 
-enters as a column of the effect's name whose coefficient is μ ± 1: μ = 1 for what is `FINER` (about twice the vertices, half the step), for that is closer to
-the limit by about as much as it differs; μ = 0 for what is only other (other triangles, other laws of stretch, fold and contact), for nobody knows the
-recording's own. A law enters by its tangent, from the same simulation as every effect's (`LINEAR`); the rest is simulated again (`AGAIN`). Without them a
-method blames innocent effects on every recording that another simulator, or the world, has made.
+enters as a column of the effect's name whose coefficient is μ ± 1: μ = 1 for what is `FINER` (about twice the vertices, half the step), for
+that is closer to the limit by about as much as it differs; μ = 0 for what is only other (other triangles, other laws of stretch, fold and
+contact), for nobody knows the recording's own. A law enters by its tangent, from the same simulation as every effect's (`LINEAR`); the rest
+is simulated again (`AGAIN`). Without them a method blames innocent effects on every recording that another simulator, or the world, has
+made.
 
-What the finer computation still lacks is like D_e in size, not in shape: windows of a twin tell the coefficients to 0.01 to 0.4 and disagree about them by up to ten
-times that. Integrating them out, window by window, does not stand for it, and the jackknife over windows sees only what differs between them, while mesh and step err
-in all alike. How far answers to two computations lie apart is added (`common_error`): a unit of D_e in every window moves the answer by
+What the finer computation still lacks is like D_e in size, not in shape: windows of a twin tell the coefficients to 0.01 to 0.4 and
+disagree about them by up to ten times that. Integrating them out, window by window, does not stand for it, and the jackknife over windows
+sees only what differs between them, while mesh and step err in all alike. How far answers to two computations lie apart is added
+(`common_error`): a unit of D_e in every window moves the answer by
 
     c_e = (Σ_w G_θθ)⁻¹ Σ_w G_θe,        common covariance Σ_e c_e c_eᵀ,        e in `FINER`
 
-with G the normal equations of windows over their scales, the start state integrated out, the columns D_e kept. It does not shrink with the number of windows.
+with G the normal equations of windows over their scales, the start state integrated out, the columns D_e kept. It does not shrink with the
+number of windows.
 
-Source: Roache 1994 (Richardson's estimate of discretisation error, and the change between two meshes as the uncertainty of any answer, his grid convergence index; its
-safety factor here is 1); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out); GUM 2008, § F.1.2.3 (what observations share does not average out).
-Limits: first order; folds that differ in kind are not corrected; the sign and size of what is left are nobody's knowledge, hence one standard deviation.
+Source: Roache 1994 (Richardson's estimate of discretisation error, and the change between two meshes as the uncertainty of any answer, his
+grid convergence index; its safety factor here is 1); Kennedy & O'Hagan 2001 (what is known to be uncertain is integrated out); GUM 2008, §
+F.1.2.3 (what observations share does not average out).
+Limits: first order; folds that differ in kind are not corrected; the sign and size of what is left are nobody's knowledge, hence one
+standard deviation.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,9 +1,9 @@
 """A replay that goes on after a difficulty: from its last good frame, with a smaller step or a looser start, at most as often as allowed.
 
-A simulation can stall (Newton's method does not converge), crawl (a frame costs more processor time than allowed) or have been killed (frames
-of an earlier process are handed in). One that left where it stood goes on as if nobody had killed it. Attempt n takes 2ⁿ times the substeps; the
-last one also settles for ten times the residual. Where not even the first step succeeded, the start is loosened: at rest instead of at the
-observed velocity, and allowed to lie twice as near.
+A simulation can stall (Newton's method does not converge), crawl (a frame costs more processor time than allowed) or have been killed
+(frames of an earlier process are handed in). One that left where it stood goes on as if nobody had killed it. Attempt n takes 2ⁿ times the
+substeps; the last one also settles for ten times the residual. Where not even the first step succeeded, the start is loosened: at rest
+instead of at the observed velocity, and allowed to lie twice as near.
 
 Tangents are linear in their start, so what a column held at the last good frame enters the next attempt as a mode of its start state.
 BDF2 begins anew with one backward Euler step: such a restart costs accuracy of the order of one step.

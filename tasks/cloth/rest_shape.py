@@ -1,7 +1,7 @@
 """The rest shape: the sewing pattern where the texture atlas is one, else the first frame as worn.
 
-An atlas whose charts are the garment's pattern at one scale maps every face almost isometrically: the singular values σ₁, σ₂ of the map from
-the atlas to the first frame are then all near one common scale. Cloth is cut flat, so hinges of a pattern rest unfolded.
+An atlas whose charts are the garment's pattern at one scale maps every face almost isometrically: the singular values σ₁, σ₂ of the map
+from the atlas to the first frame are then all near one common scale. Cloth is cut flat, so hinges of a pattern rest unfolded.
 """
 
 import numpy as np

@@ -17,8 +17,9 @@ Array = NDArray[np.float64]
 class Scene:
     """One garment over T frames.
 
-    collider_motion [T, C, 3] m; boundary_motion [T, B, 3] m; start x0 [V, 3] m and v0 [V, 3] m/s; observed [T, V, 3] m (NaN where not seen);
-    noise_m [T, V], the standard deviation of an observed coordinate; fps [1/s]; noise_cov [T, V, 3, 3] m² where the tracker gives one.
+    collider_motion [T, C, 3] m; boundary_motion [T, B, 3] m; start x0 [V, 3] m and v0 [V, 3] m/s; observed [T, V, 3] m (NaN where not
+    seen); noise_m [T, V], the standard deviation of an observed coordinate; fps [1/s]; noise_cov [T, V, 3, 3] m² where the tracker gives
+    one.
     """
 
     cloth: Cloth

@@ -3,12 +3,13 @@
     minimise over θ = (log κ_s, log κ_b)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w),    C_w = R + S_z P S_zᵀ
 
 The logarithm is the likelihood of a window whose errors have an unknown scale: what one wild window wants does not outweigh the others. Its
-Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ only.
-P = diag(σ_x², σ_v²) and the correlation in R are those of highest marginal likelihood, Σ_w r_wᵀC_w⁻¹r_w + log|C_w|. Levenberg damping; a step is
-kept when it loses no window and lowers the loss over those that were followed before it. Where the slope that a step met fell by less than JᵀJ promised, the
-next one is longer by that ratio (the secant equation of Dennis & Moré 1977 along the step).
+Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. The density is held: without air, motion depends on κ_s/ρ and κ_b/ρ
+only. P = diag(σ_x², σ_v²) and the correlation in R are those of highest marginal likelihood, Σ_w r_wᵀC_w⁻¹r_w + log|C_w|. Levenberg
+damping; a step is kept when it loses no window and lowers the loss over those that were followed before it. Where the slope that a step met
+fell by less than JᵀJ promised, the next one is longer by that ratio (the secant equation of Dennis & Moré 1977 along the step).
 
-Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are weighed (`Job.forced`).
+Nameless forcing has no part in the refit: it would take for itself what stiffness explains. It enters, with σ_a in P, where causes are
+weighed (`Job.forced`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -65,8 +66,9 @@ class Prior:
 class Evidence:
     """A followed window: its prediction and its normal equations.
 
-    The prediction keeps the columns of effects and base parameters; where the job gave a prior, what the start state explains has been taken out of
-    them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen). start: where derivatives were taken (`Job.start`).
+    The prediction keeps the columns of effects and base parameters; where the job gave a prior, what the start state explains has been
+    taken out of them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen). start: where derivatives were taken
+    (`Job.start`).
     """
 
     prediction: Prediction
@@ -80,9 +82,10 @@ class Evidence:
 class Job:
     """One window to follow; picklable, so that processes and workers can share the work.
 
-    columns: derivatives by all effects of the model; forced: and by the forcing. offsets: name -> [L, V, 3] m, what computing the same model otherwise
-    changes (`numerics.py`): further columns. start: coefficients of the start state's modes with which the window is simulated, so that derivatives are taken
-    nearer to what was seen; what is told is told about `states` all the same: x(z) − S z (the iterated Kalman filter's form, Jazwinski 1970, § 8.3).
+    columns: derivatives by all effects of the model; forced: and by the forcing. offsets: name -> [L, V, 3] m, what computing the same
+    model otherwise changes (`numerics.py`): further columns. start: coefficients of the start state's modes with which the window is
+    simulated, so that derivatives are taken nearer to what was seen; what is told is told about `states` all the same: x(z) − S z (the
+    iterated Kalman filter's form, Jazwinski 1970, § 8.3).
     """
 
     model: Model
@@ -145,19 +148,20 @@ def follow_corrected(job: Job) -> Evidence:
 def likely_start(job: Job) -> Prior:
     """How far off a start can be: places by the noise, velocities by half of it in a frame, for states are smoothed from places so noisy.
 
-    The prior of the marginal likelihood is wider, by up to 20 times: it has to hold what the model errs by as well. Simulated from where that one
-    leads, cloth goes elsewhere altogether.
+    The prior of the marginal likelihood is wider, by up to 20 times: it has to hold what the model errs by as well. Simulated from where
+    that one leads, cloth goes elsewhere altogether.
     """
     noise = float(np.median(job.recording.noise))
     return Prior(noise, PER_FRAME * noise * job.model.subject.fps)
 
 
 def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
-    """The start state that the derivatives of a followed window ask for, if `likely_start` says how far off it was, and the window simulated from there,
-    [L + 1, V, 3] m.
+    """The start state that the derivatives of a followed window ask for, if `likely_start` says how far off it was, and the window
+    simulated from there, [L + 1, V, 3] m.
 
-    Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body. Where the simulation
-    fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then both stay as they are.
+    Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body.
+    Where the simulation fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then
+    both stay as they are.
     """
     names = state_names(found.normals.names)
     asked = state_weights(found.normals, names, [], likely_start(job).variances(names))[:, 0]
@@ -214,8 +218,10 @@ def without_state(normals: Normals, prior: Prior) -> Normals:
 
 
 def estimated_prior(evidence: Sequence[Evidence], noise: float, near: Prior | None = None) -> Prior:
-    """The σ_x, σ_v, and σ_a where there is forcing, of highest marginal likelihood on a grid, one after the other, from those `near`; what base
-    parameters could explain is left in. Forcing has the first say: a wide prior of the start would take for error what pushes the cloth."""
+    """The σ_x, σ_v, and σ_a where there is forcing, of highest marginal likelihood on a grid, one after the other, from those `near`; what
+    base parameters could explain is left in. Forcing has the first say: a wide prior of the start would take for error what pushes the
+    cloth.
+    """
     done = [e.normals for e in evidence if e.prediction.complete]
     forced = any(name.startswith("a ") for n in done[:1] for name in n.names)
     candidates = {"a": SIGMA_A if forced else (0.0,), "x": [s * noise for s in SIGMA_X], "v": SIGMA_V}
@@ -238,8 +244,9 @@ def minus_log_likelihood(normals: Sequence[Normals], prior: Prior) -> float:
 
 
 def estimated_correlation(jobs: Sequence[Job], prior: Prior, noise: float, run: Map = map) -> Correlation:
-    """The correlation of the tracker's errors of highest marginal likelihood, over a few windows: what neighbours share, then how long it lasts. σ_x and
-    σ_a, which would take shared errors for motion, are chosen along with it."""
+    """The correlation of the tracker's errors of highest marginal likelihood, over a few windows: what neighbours share, then how long it
+    lasts. σ_x and σ_a, which would take shared errors for motion, are chosen along with it.
+    """
     in_one = _likeliest(IN_ONE_FRAME, jobs, prior, noise, run)
     return _likeliest(in_one.lasting(), jobs, prior, noise, run) if in_one.share else in_one
 
@@ -326,10 +333,11 @@ def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evi
 
 
 def stretch_of(A: Array, g: Array, after: Array, step: Array) -> float:
-    """By how much the next Gauss–Newton step is too short: curvature JᵀJ that was promised along a step [P] over what the gradients g, after [P] met.
+    """By how much the next Gauss–Newton step is too short: curvature JᵀJ that was promised along a step [P] over what the gradients g,
+    after [P] met.
 
-    Where the start states are wrong in ways that no mode holds, their part of J adds to JᵀJ but leads nowhere, and steps creep; so they do where the slope
-    grows on the way, as that of ln κ_b does in cloth taken far too soft.
+    Where the start states are wrong in ways that no mode holds, their part of J adds to JᵀJ but leads nowhere, and steps creep; so they do
+    where the slope grows on the way, as that of ln κ_b does in cloth taken far too soft.
     """
     met = float(step @ (g - after))
     return float(np.clip(step @ A @ step / met, 1.0, LONGEST)) if met > 0 else LONGEST

@@ -44,8 +44,8 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class FitParameters(Parameters):
-    """How a fabric is fitted: on windows, on one replay of the whole, or by Algorithm 1. Start values in the seed's units (ρ kg/m³, κ_s, κ_b); `iterations` None: 4
-    by tangents, 100 by differences.
+    """How a fabric is fitted: on windows, on one replay of the whole, or by Algorithm 1. Start values in the seed's units (ρ kg/m³, κ_s,
+    κ_b); `iterations` None: 4 by tangents, 100 by differences.
 
     effects: names of effects that the model has beside the base, of the library or of effects_folder; their strengths are fitted too.
     frames: how many after the first are compared.
@@ -190,7 +190,8 @@ Fitted = tuple[Scene, Fit, dict[str, Any]]
 def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
     """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried.
 
-    Windows, or the four simulations of Algorithm 1, are mapped over two processes and those of helpers; one that is killed or slow is begun again.
+    Windows, or the four simulations of Algorithm 1, are mapped over two processes and those of helpers; one that is killed or slow is begun
+    again.
     """
     fitted = []
     for each in work:

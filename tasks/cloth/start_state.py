@@ -6,15 +6,17 @@ therefore the minimiser of
     ½ Σ_i m_i ‖x_i − (y_i − s² ÿ_i)‖² / s²  +  P(x)        P: gravity, membrane, bending, contact
 
 that is, of all places the one where the observed acceleration ÿ and the forces of the model balance best: if y obeyed the model, x = y. The
-time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². y, ÿ and velocities are
-those of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of noise,
-the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth that moves that fast mostly does so over
-lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles swing in a window as no cloth does: the fit would
-answer them with its stiffness. So the difference d of the two polynomials is split, and of each part the share is kept that noise does not make:
+time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². y, ÿ and velocities are those
+of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of
+noise, the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth that moves that fast
+mostly does so over lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles swing in a window as no
+cloth does: the fit would answer them with its stiffness. So the difference d of the two polynomials is split, and of each part the share is
+kept that noise does not make:
 
     D = D₂ + k_φ P d + k (1 − P) d,      k = max(0, 1 − σ² Σ w²/mean d²)      per frame, w: weights of the frames in d
 
-P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as smooth as
+P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as
+smooth as
 φ do little harm: they are marginalised.
 
 What the tracker does to cloth (`Model.observed`) is taken back first.
@@ -102,8 +104,9 @@ def shrunken(x: Array, cloth: Cloth, fps: float, order: int, noise: float) -> Ar
 
 
 def told_by_two(v: Array, seen: Array, cloth: Cloth, fps: float, noise: float) -> Array:
-    """Velocities v [V, 3] m/s between two states, of what neither driven nodes nor smooth modes hold the share that noise does not make of those `seen`
-    [V, 3] m/s between the frames themselves."""
+    """Velocities v [V, 3] m/s between two states, of what neither driven nodes nor smooth modes hold the share that noise does not make of
+    those `seen` [V, 3] m/s between the frames themselves.
+    """
     φ = smooth_modes(cloth, SMOOTH)
     smooth, as_seen = (_smooth(each[None], cloth, φ)[0] for each in (v, seen))
     rough = 1 - len(φ) / (len(cloth.x_rest) - len(cloth.boundary))

@@ -3,7 +3,8 @@
 Lowest eigenvectors of the cotangent Laplacian of the rest shape with zero at the prescribed nodes, times three directions, for place and
 velocity each: L φ = λ M φ, scaled to a root mean square of 1 over the cloth.
 
-Source: Laplace–Beltrami eigenfunctions as in Reuter et al. 2006; their use for state error follows reduced-rank assimilation (Cane et al. 1996).
+Source: Laplace–Beltrami eigenfunctions as in Reuter et al. 2006; their use for state error follows reduced-rank assimilation (Cane et al.
+1996).
 """
 
 import igl

@@ -2,7 +2,8 @@
 
     σ = √(tr Σ / 3) where there are covariances Σ, else noise_m, else 1 mm
 
-Where a vertex was not seen nobody knows its noise, and trackers write NaN there: it gets the median of those seen, so that medians over all are theirs.
+Where a vertex was not seen nobody knows its noise, and trackers write NaN there: it gets the median of those seen, so that medians over all
+are theirs.
 Limits: what a covariance says of directions is used where residuals are whitened (`scene.py`), not here.
 """
 

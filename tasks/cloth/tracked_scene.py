@@ -7,9 +7,9 @@
 | mass_kg | the density is known: mass over rest area over t | density 320 kg/m³, only ratios mean anything |
 | noise_cov, noise_m | weights (`stated_noise.py`) | 1 mm |
 
-Driven nodes follow the tracked surface, quieted where the file tells its noise (`driven_motion.py`), or ride on the nearest face of the collider
-("skinned": linear blending by the nearest skin, for a surface that is already posed).
-A collider that the tracked garment pokes through is drawn in (`collider.py`).
+Driven nodes follow the tracked surface, quieted where the file tells its noise (`driven_motion.py`), or ride on the nearest face of the
+collider ("skinned": linear blending by the nearest skin, for a surface that is already posed). A collider that the tracked garment pokes
+through is drawn in (`collider.py`).
 """
 
 from dataclasses import dataclass, fields, replace
@@ -43,8 +43,9 @@ POKE_M = 1e-3  # deeper than this, or than three standard deviations of the nois
 
 @dataclass(frozen=True)
 class TrackedScene:
-    """The scene, the fabric to start from, whether its density was weighed, its boundary driven the other way [T, B, 3] m (None: there is no other), and
-    sentences on what was chosen."""
+    """The scene, the fabric to start from, whether its density was weighed, its boundary driven the other way [T, B, 3] m (None: there is
+    no other), and sentences on what was chosen.
+    """
 
     scene: Scene
     fabric: Fabric

@@ -2,11 +2,12 @@
 
     cov(ε_it, ε_js) = σ_it σ_js ((1 − ρ) δ_ij δ_ts + ρ K(|X_i − X_j|) e^(−|t − s|/τ)),    K(d) = (1 + √3 d/ℓ) exp(−√3 d/ℓ)
 
-per coordinate, X at rest. Taken for white, errors shared by neighbours look like wrinkles that the cloth never had, those that last like forces that
-push it, and a thousand vertices that err together like a thousand witnesses. ρ, ℓ and τ are those of highest marginal likelihood (`shooting.py`).
+per coordinate, X at rest. Taken for white, errors shared by neighbours look like wrinkles that the cloth never had, those that last like
+forces that push it, and a thousand vertices that err together like a thousand witnesses. ρ, ℓ and τ are those of highest marginal
+likelihood (`shooting.py`).
 
-The shared part is an autoregression, so that its Kalman filter whitens: what is left of a frame once those before have foretold its errors is independent
-of them, however many vertices were not seen.
+The shared part is an autoregression, so that its Kalman filter whitens: what is left of a frame once those before have foretold its errors
+is independent of them, however many vertices were not seen.
 
 Source: nugget and Matérn 3/2, as in geostatistics (Stein 1999); innovations (Kailath 1968). Limits: one τ for all places.
 """

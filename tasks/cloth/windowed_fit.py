@@ -1,16 +1,16 @@
 """The default fit: κ_s and κ_b from windows of the recording (`windows.py`, `shooting.py`), then one replay of the whole for the figures.
 
 A replay of a second from one start is chaotic where cloth buckles: its loss has a false minimum wherever a fold falls the other way, and
-Gauss–Newton on it stops in the first. In windows, each from its own start whose error is marginalised, derivatives hold: first of a fifth of a second, which lead
-home from any fabric, then, with states that the fabric found allows, of up to a third, for what bending does grows with the square of time. There κ_b is
-bracketed by losses (`bending_profile.py`).
+Gauss–Newton on it stops in the first. In windows, each from its own start whose error is marginalised, derivatives hold: first of a fifth
+of a second, which lead home from any fabric, then, with states that the fabric found allows, of up to a third, for what bending does grows
+with the square of time. There κ_b is bracketed by losses (`bending_profile.py`).
 
-What the mesh and the step alone do is taken off at the end: each window is also simulated on about twice the vertices with half the
-step, and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs).
-By what d does to all windows alike the answer stays uncertain, however many there are (`numerics.py`).
+What the mesh and the step alone do is taken off at the end: each window is also simulated on about twice the vertices with half the step,
+and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs). By
+what d does to all windows alike the answer stays uncertain, however many there are (`numerics.py`).
 
-Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and the whole is
-replayed with them (`completed_replay.py`).
+Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and
+the whole is replayed with them (`completed_replay.py`).
 """
 
 from collections.abc import Callable, Sequence
@@ -102,8 +102,9 @@ def _misfit(found: BaseFit) -> float:
 def _settled(
     scene: Scene, found: BaseFit, jobs: list[Job], iterations: int, run: Map, tell: Callable[[str], None]
 ) -> tuple[BaseFit, list[Job]]:
-    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where cloth cannot be predicted
-    that far."""
+    """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where
+    cloth cannot be predicted that far.
+    """
     for _ in range(ROUNDS):
         before = found.model.subject.fabric
         longer, _ = _jobs(scene, before)
@@ -218,7 +219,8 @@ def _finer(job: Job) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Windowed:
-    """What short windows say of a fabric, in which any cloth can be predicted: the objective of the first rounds of `fit_windows`, for any scene like it.
+    """What short windows say of a fabric, in which any cloth can be predicted: the objective of the first rounds of `fit_windows`, for any
+    scene like it.
 
     like: a model whose effects act at their strengths, and in which the scene is then linearised too (None: the base alone).
     """

@@ -1,13 +1,13 @@
 """Multiple shooting: the recording cut into short windows, each simulated from its own start, with the derivatives of what it predicts.
 
-Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they hold, and in stiff
-cloth over a third.
-A window starts from the state of `start_state.py`, whose error is marginalised, not fitted, and so is what may accelerate the cloth beyond the model
-(`forcing.py`): z ~ N(0, diag(σ_x², σ_v², σ_a²)) enters
+Over seconds cloth is chaotic: predictions from one start lose the recording, and derivatives mean nothing. Over a fifth of a second they
+hold, and in stiff cloth over a third. A window starts from the state of `start_state.py`, whose error is marginalised, not fitted, and so
+is what may accelerate the cloth beyond the model (`forcing.py`): z ~ N(0, diag(σ_x², σ_v², σ_a²)) enters
 
     y − x(θ₀) = S_θ (θ − θ₀) + S_z z + ε,    ε ~ N(0, R)
 
-as columns. What a window says about everything is kept as its normal equations, whitened by the noise (`tracking_noise.py`): a few hundred numbers squared.
+as columns. What a window says about everything is kept as its normal equations, whitened by the noise (`tracking_noise.py`): a few hundred
+numbers squared.
 
 Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
 """
@@ -42,8 +42,9 @@ ROUNDING = 1e-12  # of the size of a column
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: the collider and the motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of one
-    coordinate and how neighbours and frames share it. Recordings of one garment may have colliders of their own."""
+    """What was recorded: the collider and the motion of what drives the cloth, observed [T, V, 3] m (NaN where not seen), noise [T, V] m of
+    one coordinate and how neighbours and frames share it. Recordings of one garment may have colliders of their own.
+    """
 
     collider: Collider
     motion: Motion
@@ -125,7 +126,9 @@ def predict(
     columns: bool = False,
     forced: bool = False,
 ) -> Prediction:
-    """Simulate a window. parameters: base parameters, φ [K, V]: modes of the start state and, if `forced`, of the forcing, columns: effects, to differentiate by."""
+    """Simulate a window. parameters: base parameters, φ [K, V]: modes of the start state and, if `forced`, of the forcing, columns:
+    effects, to differentiate by.
+    """
     model, modes = recording.scene(model), {}
     motion, n = recording.cut(window.frames).motion, model.settings.substeps
     fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
@@ -187,7 +190,8 @@ def _upsampled(x: Array, n: int) -> Array:
 
 @dataclass(frozen=True)
 class Normals:
-    """Normal equations of one window: G = AᵀC⁻¹A [P, P], g = AᵀC⁻¹r [P], c = rᵀC⁻¹r, n compared coordinates, log|C|; names of the columns of A.
+    """Normal equations of one window: G = AᵀC⁻¹A [P, P], g = AᵀC⁻¹r [P], c = rᵀC⁻¹r, n compared coordinates, log|C|; names of the columns
+    of A.
 
     C is the noise R, and what was marginalised since.
     """
@@ -219,7 +223,8 @@ def normals(prediction: Prediction, recording: Recording, subject: Subject) -> N
 def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Normals:
     """The same with the coefficients of `names` integrated out under N(0, diag(variance)).
 
-    Each over its own size, d: where cloth is about to buckle the derivative by a start mode may grow by 1e8, and would drown the others in rounding.
+    Each over its own size, d: where cloth is about to buckle the derivative by a start mode may grow by 1e8, and would drown the others in
+    rounding.
     """
     z = normals.index(names)
     x = np.setdiff1d(np.arange(len(normals.names)), z)

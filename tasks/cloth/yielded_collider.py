@@ -1,9 +1,9 @@
 """A recording's collider, drawn in once per frame where it pinches itself near the cloth or covers driven nodes (`simulator/yielding.py`).
 
-A single simulation lets the collider give way as it goes. Many simulations of the same windows must all meet the same collider, or their differences
-would mean nothing; so it gives way beforehand, to the cloth as it was seen, and the simulations then take it as it is. Where the cloth will be, nobody has
-seen (a prediction), it gives way wherever it pinches itself. An effect that moves the collider can close what was open: so it gives way as it is once the
-model's effects have moved it, and what it gave way by is taken off the recorded one.
+A single simulation lets the collider give way as it goes. Many simulations of the same windows must all meet the same collider, or their
+differences would mean nothing; so it gives way beforehand, to the cloth as it was seen, and the simulations then take it as it is. Where
+the cloth will be, nobody has seen (a prediction), it gives way wherever it pinches itself. An effect that moves the collider can close what
+was open: so it gives way as it is once the model's effects have moved it, and what it gave way by is taken off the recorded one.
 """
 
 from dataclasses import replace

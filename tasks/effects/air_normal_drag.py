@@ -6,7 +6,8 @@ v: mean velocity of the corners; n, A: normal and area of the face at the start 
 Strength: C_d/ρ̄ [m²/kg] (ρ_a = 1.2 kg/m³ is known, ρ̄ is not). Range: C_d 0.5–2, a plate has 1.2, at ρ̄ 0.08–0.35 kg/m².
 Signature: normal to the cloth, on free panels and hems, grows with the square of the speed, odd harmonics.
 Confounders: air_linear_drag, fabric_mass_damping, air_tangential_drag; two speeds and edge-on motion tell them apart.
-Source: Coltraro et al. 2023; Bridson, Marino, Fedkiw 2003 (per triangle). Limits: still air; no added mass; no shelter of one layer by another.
+Source: Coltraro et al. 2023; Bridson, Marino, Fedkiw 2003 (per triangle). Limits: still air; no added mass; no shelter of one layer by
+another.
 """
 
 from collections.abc import Sequence

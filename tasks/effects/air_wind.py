@@ -2,9 +2,10 @@
 
     D = Σ_faces A [ψ(v·n − w·n) − ψ(v·n)]  [W],   ψ(u) = ⅙ ρ_a C_d (u² + ε²)^{3/2},   ψ′(u) = ½ ρ_a C_d √(u² + ε²) u
 
-The drag of still air is air_normal_drag's: the difference makes w = 0 the base model exactly, and both effects together the drag with
-v − w. C_d/ρ̄ is held at 8 m²/kg (C_d = 1.2 at 0.15 kg/m²): without it w and C_d could not be told apart. ε = 0.2 m/s, how much a draught of
-0.5 m/s fluctuates (turbulence intensity 40 %), makes the force on cloth at rest start linearly in w (½ ρ_a C_d A ε w·n), so that the tangent at w = 0 sees it.
+The drag of still air is air_normal_drag's: the difference makes w = 0 the base model exactly, and both effects together the drag with v
+− w. C_d/ρ̄ is held at 8 m²/kg (C_d = 1.2 at 0.15 kg/m²): without it w and C_d could not be told apart. ε = 0.2 m/s, how much a draught of
+0.5 m/s fluctuates (turbulence intensity 40 %), makes the force on cloth at rest start linearly in w (½ ρ_a C_d A ε w·n), so that the
+tangent at w = 0 sees it.
 n, A: normal and area of the face at the start of the step (lagged).
 Strengths: w_x, w_z [m/s]. Range: draughts of rooms to 0.5 m/s, fans to 2 m/s.
 Signature: a steady lean of everything that faces the wind, in one direction; on moving cloth also a force ρ_a C_d |v·n| w·n.

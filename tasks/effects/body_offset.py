@@ -5,8 +5,8 @@
 Strength: d [m], positive where the true body is larger. Range: ±2–20 mm (fits through clothes; soft tissue); typical 8 mm.
 Signature: where cloth lies on the body, along its normals, at all poses alike.
 Confounders: contact_thickness, the same by nature (measured |cos| 0.99): one class. contact_friction (pressure).
-Source: residuals of body fits. Limits: the same everywhere, while a fit errs differently at waist and chest; the collider only, driven nodes
-stay; tissue that moves is not in it.
+Source: residuals of body fits. Limits: the same everywhere, while a fit errs differently at waist and chest; the collider only, driven
+nodes stay; tissue that moves is not in it.
 """
 
 from collections.abc import Sequence

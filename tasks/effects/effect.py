@@ -1,9 +1,9 @@
 """What an effect is: something that acts on cloth, on what drives it or on its observation, and that the base model leaves out.
 
-An effect is one file whose `EFFECT` is an instance of `Effect`. It states what it is (name, kind, strengths, claims) and overrides the one or
-two hooks through which it acts. At strength zero every hook must leave the base model as it was, bit for bit. Where a hook adds potentials or
-changes the fabric, the derivative of the motion in a strength is the sum of the simulator's tangents named in `parameters`; where it moves
-what drives the cloth or what is observed of it, `model` differentiates the hook.
+An effect is one file whose `EFFECT` is an instance of `Effect`. It states what it is (name, kind, strengths, claims) and overrides the one
+or two hooks through which it acts. At strength zero every hook must leave the base model as it was, bit for bit. Where a hook adds
+potentials or changes the fabric, the derivative of the motion in a strength is the sum of the simulator's tangents named in `parameters`;
+where it moves what drives the cloth or what is observed of it, `model` differentiates the hook.
 
 The strength of an effect is its departure from the base model in SI units; without a weight, forces and masses count per areal density.
 """
@@ -56,8 +56,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class MeshDoubt:
-    """What a coarse mesh, and states from noisy frames, leave in doubt, as standard deviations: contact [m], where the body holds cloth; scale [1] of all
-    lengths; calmed [s²]: τ² by which states are smoothed in time themselves.
+    """What a coarse mesh, and states from noisy frames, leave in doubt, as standard deviations: contact [m], where the body holds cloth;
+    scale [1] of all lengths; calmed [s²]: τ² by which states are smoothed in time themselves.
 
     body_speed [m/s]: root mean square.
     """

@@ -43,9 +43,9 @@ class Model:
     ) -> Iterator[Frame]:
         """Frames of the cloth as it is (not as observed), from x0 [V, 3] m and v0 [V, 3] m/s.
 
-        parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials, fabric
-        or motion. What acts on the observation is differentiated by `observed_tangents`. Reruns on another mesh give its vertices, the
-        given ones first.
+        parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials,
+        fabric or motion. What acts on the observation is differentiated by `observed_tangents`. Reruns on another mesh give its vertices,
+        the given ones first.
         """
         subject, settings, terms = self._dressed(), self.settings, []
         driven = self._driven(subject, motion)

@@ -2,7 +2,8 @@
 
     P = Σ 3k|ē|²/(Ā₁ + Ā₂) [(2 sin θ/2 − 2 sin θ̄/2)² − (θ − θ̄)²]        beside the base's
 
-Both are the same where cloth is nearly flat; at a fold of 90° the moment of the sine is a third less. Nobody knows the law of a fabric there.
+Both are the same where cloth is nearly flat; at a fold of 90° the moment of the sine is a third less. Nobody knows the law of a fabric
+there.
 
 Strength: 1 is the other law [1]. Range: 0–1.
 Signature: sharp folds, and tubes that are bent or flattened.

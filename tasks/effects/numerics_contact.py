@@ -5,7 +5,8 @@ Cloth lies somewhere within the barrier distance, the nearer the harder it is pr
 Strength: log₂ of the barrier's strength per areal density, in place of the model's [1]; 2 is four times. Range: 0–4.
 Signature: cloth pressed on by its own inertia, before and behind a limb that swings.
 Confounders: air_added_mass, contact_thickness, body_lag; it is computed, never fitted.
-Source: `simulator.settings` (contact_acceleration); Li et al. 2020 for the barrier. Limits: a rerun, without tangent; nothing without a collider.
+Source: `simulator.settings` (contact_acceleration); Li et al. 2020 for the barrier. Limits: a rerun, without tangent; nothing without a
+collider.
 """
 
 from collections.abc import Sequence

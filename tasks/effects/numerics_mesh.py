@@ -1,7 +1,8 @@
 """The same on a finer mesh: how far the mesh is from not mattering.
 
-Each round splits the longest edge of every triangle (`geometry.refinement`), which about doubles the vertices; the given ones stay first. Hinges bend as stiffly
-as those of the given mesh (`retriangulated.py`): with its κ_b, equilateral triangles cut in halves would be three tenths stiffer.
+Each round splits the longest edge of every triangle (`geometry.refinement`), which about doubles the vertices; the given ones stay first.
+Hinges bend as stiffly as those of the given mesh (`retriangulated.py`): with its κ_b, equilateral triangles cut in halves would be three
+tenths stiffer.
 Strength: rounds [1]. Range: 0–2; rounded.
 Signature: the length of wrinkles, folds that the given mesh cannot make, softer bending of coarse folds.
 Confounders: bending stiffness, fabric_rest_scale, fabric_stiffening; it is computed and taken off before any of them is named.

@@ -1,7 +1,7 @@
 """The same in other triangles: how far it matters which way the diagonals run.
 
-Bending of a triangle mesh has directions: a grid's diagonals stiffen it across them, and no refinement that keeps them shows it. On the whole, other diagonals
-bend as stiffly (`retriangulated.py`).
+Bending of a triangle mesh has directions: a grid's diagonals stiffen it across them, and no refinement that keeps them shows it. On the
+whole, other diagonals bend as stiffly (`retriangulated.py`).
 
 Strength: 1 is the mesh with other diagonals (`geometry.flips`) [1]. Range: 0 or 1 (from ½ on).
 Signature: folds that run along, or across, the diagonals.

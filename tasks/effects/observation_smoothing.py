@@ -9,7 +9,8 @@ Strength: τ² [s²], so that the tangent at zero is ½ ẍ. Range: τ 0.5–3 f
 Signature: everywhere, also at driven nodes, which no physics moves; high frequencies; rounds off impacts.
 Confounders: fabric_bending_damping, fabric_membrane_damping and air_normal_drag damp too, yet not at driven nodes; observation_delay if
 the smoothing looks back only.
-Source: Lindeberg 1990 (discrete Gaussian); low-pass of trackers. Limits: time only, not space; symmetric; start states are sharpened to first order only.
+Source: Lindeberg 1990 (discrete Gaussian); low-pass of trackers. Limits: time only, not space; symmetric; start states are sharpened to
+first order only.
 """
 
 from collections.abc import Sequence

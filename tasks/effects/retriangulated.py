@@ -1,16 +1,19 @@
 """One cloth on another mesh of it: hinges that bend as stiffly.
 
-Hinges converge to no plate unless triangles are well shaped (Grinspun et al. 2006): equilateral triangles cut in halves are three tenths stiffer than they were, other
-diagonals up to three tenths, and a right-angled grid is four times as stiff along its diagonals as across them. To a fit that is nothing: κ_b of a mesh
-is what makes that mesh bend as the cloth does. Where the same cloth goes onto another mesh, κ_b therefore becomes
+Hinges converge to no plate unless triangles are well shaped (Grinspun et al. 2006): equilateral triangles cut in halves are three tenths
+stiffer than they were, other diagonals up to three tenths, and a right-angled grid is four times as stiff along its diagonals as across
+them. To a fit that is nothing: κ_b of a mesh is what makes that mesh bend as the cloth does. Where the same cloth goes onto another mesh,
+κ_b therefore becomes
 
     κ_b exp⟨log (w′_l/w_l)⟩_l,    w_l = p_lᵀ K⁻¹ p_l,    K = Dᵀ diag(3|ē|²/(Ā₁ + Ā₂)) D,    p_l = M q_l
 
-with the work w_l, w′_l that pressures q_l, polynomials of the rest shape's coordinates up to the second degree, do on either mesh as a plate held at its edges: D
-folds hinges by deflections (`hinge_bending.folds`), M: areas of vertices. Not by how much energy a given curvature costs, for between vertices that are free the
-stiff hinges leave the folding to the soft: of the halves that would make two thirds.
+with the work w_l, w′_l that pressures q_l, polynomials of the rest shape's coordinates up to the second degree, do on either mesh as a
+plate held at its edges: D folds hinges by deflections (`hinge_bending.folds`), M: areas of vertices. Not by how much energy a given
+curvature costs, for between vertices that are free the stiff hinges leave the folding to the soft: of the halves that would make two
+thirds.
 
-Source: plates in bending, discretised as in Grinspun et al. 2003. Limits: one number for all directions and places; the rest shape's own curvature is neglected.
+Source: plates in bending, discretised as in Grinspun et al. 2003. Limits: one number for all directions and places; the rest shape's own
+curvature is neglected.
 """
 
 from dataclasses import replace

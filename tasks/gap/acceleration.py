@@ -1,18 +1,18 @@
 """Missing acceleration: the force per mass [m/s²] that a model lacks, told in three ways.
 
-Of effects at strengths θ: what they add where cloth is and as it moves, before it has answered. From the state of a frame one implicit step of h = `STEP_S` is
-made, whose tangent is
+Of effects at strengths θ: what they add where cloth is and as it moves, before it has answered. From the state of a frame one implicit step
+of h = `STEP_S` is made, whose tangent is
 
     a = θ ∂v(h)/∂θ / h,    (M + h D + h² K) ∂v/∂θ = h ∂f/∂θ
 
 so that a force spreads no farther than stretch travels in 2 ms, an edge or so, where within a window it would be all over the cloth.
 
-Without a name, by vertex and without any smoothness: in a window that starts from a corrected state, what is missing moves a vertex by ½ a t². a is the
-least-squares fit of that parabola to a field of displacements over the window; its standard deviation from the noise is σ/√Σ(½t²)². Cloth spreads a force to its
-neighbours within the window, and noise of a millimetre makes accelerations of 1 m/s².
+Without a name, by vertex and without any smoothness: in a window that starts from a corrected state, what is missing moves a vertex by ½ a
+t². a is the least-squares fit of that parabola to a field of displacements over the window; its standard deviation from the noise is
+σ/√Σ(½t²)². Cloth spreads a force to its neighbours within the window, and noise of a millimetre makes accelerations of 1 m/s².
 
-As weak-constraint forcing (Trémolet 2006), smooth over the cloth: with the windows' normal equations, start state and numerics integrated out, and base
-parameters and effects at θ, the coefficients of `cloth/forcing.py` are
+As weak-constraint forcing (Trémolet 2006), smooth over the cloth: with the windows' normal equations, start state and numerics integrated
+out, and base parameters and effects at θ, the coefficients of `cloth/forcing.py` are
 
     a ~ N(H⁻¹ (g_a − G_aθ θ), H⁻¹),    H = G_aa + 1/σ_a²
 
@@ -53,8 +53,9 @@ def residual_acceleration(evidence: Sequence[Evidence], fps: float) -> Array:
 
 
 def effect_acceleration(model: Model, data: Gathered, strengths: Mapping[str, float], run: Map = map) -> Array:
-    """Root mean square over frames of windows of what the model's effects add at `strengths`, column -> θ, where they push or hold cloth [V] m/s²; zero at driven
-    vertices, NaN without any frame. data: with states that the model's body allows."""
+    """Root mean square over frames of windows of what the model's effects add at `strengths`, column -> θ, where they push or hold cloth
+    [V] m/s²; zero at driven vertices, NaN without any frame. data: with states that the model's body allows.
+    """
     jobs = [(model, data.recordings[w.recording], data.states[w.recording], w, strengths) for w in data.windows]
     fields = [a for of in run(_added, jobs) for a in of]
     return _rms(fields) if fields else np.full(len(model.subject.cloth.x_rest), np.nan)

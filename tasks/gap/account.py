@@ -46,9 +46,9 @@ class Splits:
 class Account:
     """All but the answer itself.
 
-    residual_mm [V]; missing [V] m/s², the nameless forcing beside the base, and its deviation [V]; added [V] m/s² by the named effect (None without one, or
-    where it only changes what is seen); constancy: grouping -> effect; rivals: effect -> grouping; fields of `screened` are None or empty where nothing could be
-    tested.
+    residual_mm [V]; missing [V] m/s², the nameless forcing beside the base, and its deviation [V]; added [V] m/s² by the named effect (None
+    without one, or where it only changes what is seen); constancy: grouping -> effect; rivals: effect -> grouping; fields of `screened` are
+    None or empty where nothing could be tested.
     """
 
     items: tuple[Item, ...]

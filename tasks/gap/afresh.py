@@ -1,9 +1,10 @@
-"""Fabric and the strength of a cause fitted together from the fabric that the base refit began with, as if the cause had been in the model all along.
+"""Fabric and the strength of a cause fitted together from the fabric that the base refit began with, as if the cause had been in the model
+all along.
 
-A base that lacks a cause may bend its fabric so far that no step leads back: seen through cameras whose scale is wrong by 4.0 %, a curtain was fitted with a
-twenty-sixth of its κ_s/ρ and with κ_b at its bound, and steps from there ended at 2.3 %. So the rounds of the base refit are gone through once more with the cause
-in the model (`cloth/joint_refit.py`): a few short windows, from which a fabric far off finds back, then all that are compared. There: 3.3 %, κ_b 1.04 times the truth,
-κ_s a third of it, for something else was missing too.
+A base that lacks a cause may bend its fabric so far that no step leads back: seen through cameras whose scale is wrong by 4.0 %, a curtain
+was fitted with a twenty-sixth of its κ_s/ρ and with κ_b at its bound, and steps from there ended at 2.3 %. So the rounds of the base refit
+are gone through once more with the cause in the model (`cloth/joint_refit.py`): a few short windows, from which a fabric far off finds
+back, then all that are compared. There: 3.3 %, κ_b 1.04 times the truth, κ_s a third of it, for something else was missing too.
 
 Limits: begins at the strength that was found about the base, and in its states.
 """
@@ -25,7 +26,9 @@ STARTING = 12  # modes of a window's start
 
 
 def afresh(screened: Screened, first: Model, data: Gathered, hypothesis: Fitted, run: Map) -> tuple[Fitted, Model]:
-    """The hypothesis where fabric and strengths come to rest, and the model; first: the model that the base refit began from, data: the windows compared."""
+    """The hypothesis where fabric and strengths come to rest, and the model; first: the model that the base refit began from, data: the
+    windows compared.
+    """
     model = screened.base.model
     model = replace(model, subject=replace(model.subject, fabric=first.subject.fabric))
     model = model.joined([], {e.name: hypothesis.θ(e) for e in hypothesis.effects})

@@ -3,8 +3,8 @@
 Misfit is r_wᵀ C_w⁻¹ r_w per compared coordinate over the training windows: white noise of the stated size gives about 1. Every step is
 judged on windows that its strengths were not fitted on. The steps and the rest add up to the misfit before all windows were fitted.
 
-Limits: the first bar begins where the rough refit on a few windows ends (`screening.roughly_refitted`), for only from there on are all windows followed, and with
-the start states' prior of that moment, which may be wider than the final one.
+Limits: the first bar begins where the rough refit on a few windows ends (`screening.roughly_refitted`), for only from there on are all
+windows followed, and with the start states' prior of that moment, which may be wider than the final one.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
 """The garment of a quick diagnosis: at most `VERTICES` of its vertices, thinned out in its rest shape.
 
-The vertices left are some of the given ones, so observations, driven nodes and zones carry over as they are; nothing is interpolated. Driven nodes, hems and
-seams go only onto their own kind. A vertex that is not simulated shows what the nearest simulated one does, along the edges of the rest shape. Longer edges
-stand higher on a curved body, which is drawn in further for that (`cloth/contact_sagitta.py`).
+The vertices left are some of the given ones, so observations, driven nodes and zones carry over as they are; nothing is interpolated.
+Driven nodes, hems and seams go only onto their own kind. A vertex that is not simulated shows what the nearest simulated one does, along
+the edges of the rest shape. Longer edges stand higher on a curved body, which is drawn in further for that (`cloth/contact_sagitta.py`).
 """
 
 from dataclasses import dataclass, replace

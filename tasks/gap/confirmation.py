@@ -1,6 +1,6 @@
-"""What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is likelier than that
-nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there; then it is so many more windows, and what
-leads is weighed once more with them among those that teach.
+"""What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is
+likelier than that nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there;
+then it is so many more windows, and what leads is weighed once more with them among those that teach.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -31,8 +31,9 @@ CHANCES = 3
 
 @dataclass(frozen=True)
 class Decided:
-    """What the training windows say: the verdict, what it names as simulated last, the first of two named causes simulated alone, the pairs that were
-    weighed."""
+    """What the training windows say: the verdict, what it names as simulated last, the first of two named causes simulated alone, the pairs
+    that were weighed.
+    """
 
     verdict: Verdict
     named: Refitted | None
@@ -42,8 +43,9 @@ class Decided:
 
 @dataclass(frozen=True)
 class Confirmed:
-    """The verdict that motion kept out leaves, what it names; before, after: windows kept out with the base and with what is named (those of the training
-    where nothing is kept out); gap: how these compare; pairs that were weighed beside the first leader."""
+    """The verdict that motion kept out leaves, what it names; before, after: windows kept out with the base and with what is named (those
+    of the training where nothing is kept out); gap: how these compare; pairs that were weighed beside the first leader.
+    """
 
     verdict: Verdict
     named: Refitted | None
@@ -74,8 +76,8 @@ def _judged(trials: Trials) -> tuple[Verdict, tuple[Fitted, ...]]:
 
 
 def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: bool) -> Confirmed:
-    """What is left of a verdict on windows kept out. kept: None, or without windows that the base can follow, where there are none: the verdict stands, and no
-    claim is made.
+    """What is left of a verdict on windows kept out. kept: None, or without windows that the base can follow, where there are none: the
+    verdict stands, and no claim is made.
 
     apart: they are of other recordings than those of the training.
     """
@@ -129,16 +131,17 @@ class _Test:
         return shrinkage(self.before, after, floor_mm=self.floor, held_out=True, prior=self.trials.screened.base.prior)
 
     def said(self, named: Refitted, after: Sequence[Evidence]) -> Shrinkage:
-        """The same, or how it shrinks in whole recordings replayed: where it shrinks there only, for of what acts slowly windows see little, and where windows
-        have nothing to close, but replays have."""
+        """The same, or how it shrinks in whole recordings replayed: where it shrinks there only, for of what acts slowly windows see
+        little, and where windows have nothing to close, but replays have.
+        """
         return _windows_or_replays(self.gap(after), lambda: self.replayed(named))
 
     def replayed(self, named: Refitted, beside: Refitted | None = None) -> Shrinkage | None:
-        """How replays compare with the base's, or with those of a model beside which it stands, in the windows kept out that they pass through; None where
-        there are none, or a replay cannot be finished.
+        """How replays compare with the base's, or with those of a model beside which it stands, in the windows kept out that they pass
+        through; None where there are none, or a replay cannot be finished.
 
-        There is something to close where they are off by more than log ratio² scatters where nothing is missing. Where what is named moves them by no more than
-        they part by chance, the gap counts as unchanged: it might have fallen for anything.
+        There is something to close where they are off by more than log ratio² scatters where nothing is missing. Where what is named moves
+        them by no more than they part by chance, the gap counts as unchanged: it might have fallen for anything.
         """
         base, found = self._base_replays if beside is None else self._replays_of(beside), self._replays_of(named)
         before, after = _by_recording(base), _by_recording(found)

@@ -1,8 +1,8 @@
 """Which effects this recording can show at all, and which of them it can tell apart: the geometry of their signatures.
 
-A signature S_e is the derivative of the prediction, whitened by each window's covariance (noise, start state, numerics) and its own scale s_w,
-the base parameters taken out. Its length at typical strength is a number of standard deviations; below `SHOWN` the recording cannot test it.
-The cosine of two signatures is 1 where they are the same up to strength; −1 where one undoes the other. For effects of several
+A signature S_e is the derivative of the prediction, whitened by each window's covariance (noise, start state, numerics) and its own scale
+s_w, the base parameters taken out. Its length at typical strength is a number of standard deviations; below `SHOWN` the recording cannot
+test it. The cosine of two signatures is 1 where they are the same up to strength; −1 where one undoes the other. For effects of several
 components it is the largest canonical correlation, the cosine of the most alike directions.
 
 Source: Hotelling 1936 (canonical correlations); detectability as in optimal experiment design.

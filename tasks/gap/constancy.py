@@ -7,7 +7,8 @@ other named effects fitted along. Cochran's Q = Σ (m_k − m̄)²/σ_k² is χ�
 σ_k of a window comes from its normal equations and its own scale s_w; of speeds and zones from the jackknife over windows. Zones use the
 fields themselves, unwhitened, what the start state explains taken out. Limits: linear in the strength.
 
-A model that errs a little everywhere has Q far above its degrees of freedom for every name: compare `scatter` between names, not p with 5 %.
+A model that errs a little everywhere has Q far above its degrees of freedom for every name: compare `scatter` between names, not p with
+5 %.
 
 Source: Cochran 1954 (Q); Efron 1982 (jackknife).
 """

@@ -2,11 +2,12 @@
 
     states → base refit → the same computed otherwise → tangents of all effects → hypotheses → refit of the leaders → verdict → held-out windows
 
-Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library allowed,
-derivatives did not hold, and all is done again in shorter ones.
+Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library
+allowed, derivatives did not hold, and all is done again in shorter ones.
 
-What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of the base refit, in
-windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read before the verdict.
+What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of
+the base refit, in windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read
+before the verdict.
 
 `run` maps a function over windows: serially, over processes, or over workers.
 """
@@ -41,11 +42,12 @@ Array = NDArray[np.float64]
 class Diagnosis:
     """The answer and what it rests on.
 
-    before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; residual_accel [V] m/s²: what is missing in
-    the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth; frame_mm [T] of the first recording;
-    parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one; base, replayed: the base that comes
-    nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen: with the named effect, unless whole recordings replayed
-    with it came less near than the base's.
+    before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; residual_accel [V] m/s²:
+    what is missing in the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth;
+    frame_mm [T] of the first recording;
+    parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one; base,
+    replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen:
+    with the named effect, unless whole recordings replayed with it came less near than the base's.
     """
 
     verdict: Verdict

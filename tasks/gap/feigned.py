@@ -1,13 +1,13 @@
 """What the coarse mesh alone feigns: strengths that a diagnosis would find on a recording of another mesh in which nothing is missing.
 
-Three sources, added in quadrature: where the body holds cloth, and how long folded cloth is, as each effect says of itself (`Effect.feigned`); and ways of
-computing that nobody thought of. Those that were thought of are integrated out (`cloth/numerics.py`); what one more would feign is judged by what each of them
-would, were it not among them:
+Three sources, added in quadrature: where the body holds cloth, and how long folded cloth is, as each effect says of itself
+(`Effect.feigned`); and ways of computing that nobody thought of. Those that were thought of are integrated out (`cloth/numerics.py`); what
+one more would feign is judged by what each of them would, were it not among them:
 
     θ_e = argmin Σ_w (D_ew − S_w θ)ᵀ C_w⁻¹ (D_ew − S_w θ) + prior,     C_w with all ways but e integrated out;     σ = median_e |θ_e|
 
-A body that is held wrongly, or a fold that is too short, is no evidence for anything else either: what effects say of themselves is integrated out of every
-window, another one in each (`without_doubts`).
+A body that is held wrongly, or a fold that is too short, is no evidence for anything else either: what effects say of themselves is
+integrated out of every window, another one in each (`without_doubts`).
 """
 
 from collections.abc import Sequence

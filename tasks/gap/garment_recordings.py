@@ -1,9 +1,10 @@
 """Tracked files of one garment as what the diagnosis works on: the garment, and a recording per file.
 
-All files show the same mesh with the same boundary; the first one's rest shape, zones and weight hold for all, and so does the boundary of the first that names
-one, or the one chosen for the first. Each file has a collider of its own. Where a file names no zones, the borders that are not driven are hems, cuts of the pattern are
-seams, and what lies on the body is contact. The driven nodes are freed of the tracker's noise (`driven_motion.py`). The collider is drawn in for the
-coarse mesh only (`cloth/contact_sagitta.py`), not, as where a fabric is fitted, until the garment is clear of it: that would hide a body in the wrong place.
+All files show the same mesh with the same boundary; the first one's rest shape, zones and weight hold for all, and so does the boundary of
+the first that names one, or the one chosen for the first. Each file has a collider of its own. Where a file names no zones, the borders
+that are not driven are hems, cuts of the pattern are seams, and what lies on the body is contact. The driven nodes are freed of the
+tracker's noise (`driven_motion.py`). The collider is drawn in for the coarse mesh only (`cloth/contact_sagitta.py`), not, as where a fabric
+is fitted, until the garment is clear of it: that would hide a body in the wrong place.
 """
 
 from collections.abc import Sequence
@@ -34,7 +35,8 @@ LONGEST_STEP = 0.01  # [s]
 
 @dataclass(frozen=True)
 class Garment:
-    """The base model of the garment to start from, its recordings, sentences on what was chosen, and the first file with the boundary chosen.
+    """The base model of the garment to start from, its recordings, sentences on what was chosen, and the first file with the boundary
+    chosen.
 
     contact_doubt [m]: by how much the bodies of all recordings were drawn in because the mesh is coarse (`cloth/contact_sagitta.py`).
     """

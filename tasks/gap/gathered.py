@@ -101,7 +101,8 @@ def unwrinkled(model: Model, data: Gathered, φ: Array, run: Map = map) -> Gathe
 
 
 def restarted(model: Model, data: Gathered, run: Map = map, φ: Array | None = None) -> Gathered:
-    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may pinch itself anew.
+    """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may
+    pinch itself anew.
 
     φ [K, V]: as in `unwrinkled`, where wrinkles matter.
     """
@@ -134,8 +135,9 @@ def _restate(job: tuple[Model, Recording]) -> States:
 
 
 def split(data: Gathered) -> tuple[Gathered, Gathered]:
-    """Training windows, and those to hold out, spread over each recording (none where too few would teach): what acts in one place only, a touch or a
-    turn, would otherwise be all on one side. The first window always teaches, for replays start there."""
+    """Training windows, and those to hold out, spread over each recording (none where too few would teach): what acts in one place only, a
+    touch or a turn, would otherwise be all on one side. The first window always teaches, for replays start there.
+    """
     train, held = [], []
     for k in range(len(data.recordings)):
         own = [w for w in data.windows if w.recording == k]

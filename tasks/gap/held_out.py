@@ -1,12 +1,14 @@
-"""How far the gap shrinks on motion that nothing was fitted on: windows of held-out recordings, or those of each recording that were kept out.
+"""How far the gap shrinks on motion that nothing was fitted on: windows of held-out recordings, or those of each recording that were kept
+out.
 
-E is the mean squared distance of a vertex [mm²] between observation and prediction in a window, what the uncertain start explains taken out.
-closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run. The fall of E is a ratio of sums over
-n windows, Σ d_w/Σ m_w of falls d_w of m_w vertices; its interval is Student's (Cochran 1977, §6.4):
+E is the mean squared distance of a vertex [mm²] between observation and prediction in a window, what the uncertain start explains taken
+out. closed fraction φ = (E_before − E_after)/(E_before − E_floor), E_floor from the observation's noise and the finer re-run. The fall of E
+is a ratio of sums over n windows, Σ d_w/Σ m_w of falls d_w of m_w vertices; its interval is Student's (Cochran 1977, §6.4):
 
     D ± t_{n−1} s,    s² = n/(n − 1) Σ (d_w − D m_w)²/(Σ m_w)²
 
-At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses. There the sign of
+At the floor there is nothing to close, and millimetres say little: they take errors that neighbours and frames share for as many witnesses.
+There the sign of
 
     ℓ = ½ Σ_w [J_w + log|C_w|]_before/s_w − [J_w + log|C_w|]_after/s_w,    C = R + S_z P S_zᵀ,    s_w = max(1, J_w/n_w) of the nearer of the two
 
@@ -34,12 +36,12 @@ CLOSABLE = 1.2  # E_before over E_floor below which there is nothing to close, a
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single window); held out or not; in
-    windows, or in recordings replayed in one run.
+    """√E before, after and floor [mm]; closed fraction (None where the gap is at the floor) with its 90 % interval (None of a single
+    window); held out or not; in windows, or in recordings replayed in one run.
 
-    falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0.
-    A cause that acts in one window of five (a touch, a turn) is not even drawn in a third of them, and there the fraction of what can be closed means nothing; so
-    the interval is for reading, and `shrinks` decides.
+    falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a
+    turn) is not even drawn in a third of them, and there the fraction of what can be closed means nothing; so the interval is for reading,
+    and `shrinks` decides.
     """
 
     before_mm: float
@@ -82,7 +84,8 @@ def squared(evidence: Evidence) -> tuple[float, int]:
 
 
 def shrinkage(before: Sequence[Evidence], after: Sequence[Evidence], *, floor_mm: float, held_out: bool, prior: Prior) -> Shrinkage:
-    """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no after.
+    """Compare two models on the same windows; those that one of them could not follow are left out. Where that leaves none, there is no
+    after.
 
     prior: of start states.
     """
@@ -109,7 +112,9 @@ def log_ratios(both: Sequence[tuple[Evidence, Evidence]], prior: Prior) -> Array
 
 
 def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False, closable: float = CLOSABLE) -> Shrinkage:
-    """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches; closable: E_before over E_floor from which there is something to close."""
+    """Of Σ |r|² [mm²] before, after and how many vertices that is [n, 3], in n stretches; closable: E_before over E_floor from which there
+    is something to close.
+    """
     sums = E[_draws(len(E))].sum(1)
     drops = (sums[:, 0] - sums[:, 1]) / sums[:, 2]
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])

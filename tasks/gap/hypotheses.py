@@ -1,23 +1,27 @@
 """Hypotheses about what is missing, fitted and weighed in compressed space: no simulation, only the windows' normal equations.
 
-A hypothesis is a set of effects. Its strengths θ, corrections of the base parameters, and the size σ_a of the forcing that it leaves nameless minimise
+A hypothesis is a set of effects. Its strengths θ, corrections of the base parameters, and the size σ_a of the forcing that it leaves
+nameless minimise
 
     F = Σ_w J_w(θ)/s_w + log|C_w| + prior,     J_w = (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ),     C_w = R + S_z P S_zᵀ + D Dᵀ + σ_a² S_a S_aᵀ
 
-within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. Forcing explains anything, but anew in every window
-(`cloth/forcing.py`): a hypothesis gains by what it explains with one strength. What folds and contacts do in windows is still no white noise, so
-Δ = F(without) − F(with) is no χ². With c_w the score of window w at θ̂ and I the information, both with the base taken out,
+within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. Forcing explains anything, but anew
+in every window (`cloth/forcing.py`): a hypothesis gains by what it explains with one strength. What folds and contacts do in windows is
+still no white noise, so Δ = F(without) − F(with) is no χ². With c_w the score of window w at θ̂ and I the information, both with the base
+taken out,
 
     φ = Σ_w (c_w − c̄)ᵀ I⁻¹ (c_w − c̄) / K · W/(W − 1)
 
-says how many times more the scores of windows scatter than independent coordinates would make them: the strength that windows ask for is then
-N(θ, φ I⁻¹), and a cause that is right asks for the same in every window. An effect's φ is shrunk towards the median of all effects, worth
-`KNOWN` windows; then, with ν = W − 1 + KNOWN,
+says how many times more the scores of windows scatter than independent coordinates would make them: the strength that windows ask for is
+then N(θ, φ I⁻¹), and a cause that is right asks for the same in every window. An effect's φ is shrunk towards the median of all effects,
+worth `KNOWN` windows; then, with ν = W − 1 + KNOWN,
 
     L = ν/2 log(1 + Δ/(φ ν)),       evidence = L + log ∫ p(θ) Student_ν(θ − θ̂)/Student_ν(0) dθ
 
-are the log likelihood ratio (Student's) and the log Bayes factor against the hypothesis without the effect. p is log-normal about the typical
-strength: a cause of a hundredth of its usual strength is more often the mesh. Effects of a compound are weighed one after the other, each beside those before it.
+are the log likelihood ratio (Student's) and the log Bayes factor against the hypothesis without the effect. p is log-normal about the
+typical
+strength: a cause of a hundredth of its usual strength is more often the mesh. Effects of a compound are weighed one after the other, each
+beside those before it.
 
 Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clusters); Kass & Raftery 1995. Limits: linear in θ.
 """
@@ -78,7 +82,8 @@ class Weight:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K, K].
+    """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K,
+    K].
 
     misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect; forcing: σ_a [m/s²] that is left.
     support: log Bayes factor against the base by replays of whole recordings, once it was simulated (`replay.py`).
@@ -119,11 +124,13 @@ class Fitted:
 
 
 def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, shows: float = 0.0) -> float:
-    """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not known.
+    """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not
+    known.
 
-    Along the ray of θ numerically, and of a single component of either sign along the other one too, on points of the prior and of the peak, which may be far
-    narrower; across it by Laplace's approximation.
-    p: size u log-normal about the typical one, any direction alike. shows: size below which a cause does not show; nothing is claimed of such ones.
+    Along the ray of θ numerically, and of a single component of either sign along the other one too, on points of the prior and of the
+    peak, which may be far narrower; across it by Laplace's approximation.
+    p: size u log-normal about the typical one, any direction alike. shows: size below which a cause does not show; nothing is claimed of
+    such ones.
     """
     z, Σ = θ / effect.typical, covariance / np.outer(effect.typical, effect.typical)
     K, r = len(z), float(np.linalg.norm(z))
@@ -201,7 +208,8 @@ class Forced:
 
 
 class Windows:
-    """The windows' normal equations [W], start state and numerics integrated out, forcing not; linear about the strengths `origin` (column -> value, else 0).
+    """The windows' normal equations [W], start state and numerics integrated out, forcing not; linear about the strengths `origin` (column
+    -> value, else 0).
 
     feigned: column -> standard deviation of the strength that the coarse mesh alone may feign.
     """
@@ -279,9 +287,9 @@ class Windows:
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
 
-        By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits. What it makes of a
-        window beyond what derivatives foretold counts in full where the window is explained; where it is not, another simulation leaves another remainder, and
-        of that only the share counts that `LEFT` numbers have.
+        By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits.
+        What it makes of a window beyond what derivatives foretold counts in full where the window is explained; where it is not, another
+        simulation leaves another remainder, and of that only the share counts that `LEFT` numbers have.
         """
         there = Windows(normals, self.effects, origin, self.feigned)
         scale = np.maximum(1.0, np.minimum(self.overdispersion, there._allowed(self.overdispersion, effects)))

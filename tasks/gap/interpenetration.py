@@ -2,11 +2,12 @@
 
     depth(θ) = root mean square over observed vertices of max(0, −signed distance to the body moved by the effect at θ)
 
-The strength with the least depth is where the simulator starts to look. It has to be told: windows begin from cloth outside the body, so about a body that
-is far off, the derivatives say nothing. A body that is too small leaves no trace here; then cloth hangs before it, and the derivatives serve.
+The strength with the least depth is where the simulator starts to look. It has to be told: windows begin from cloth outside the body, so
+about a body that is far off, the derivatives say nothing. A body that is too small leaves no trace here; then cloth hangs before it, and
+the derivatives serve.
 
-Source: contact constraints as evidence (SMPLify, Bogo et al. 2016, uses them for the body itself). Limits: one component; the depth of a mesh's
-vertices, not of its faces.
+Source: contact constraints as evidence (SMPLify, Bogo et al. 2016, uses them for the body itself). Limits: one component; the depth of a
+mesh's vertices, not of its faces.
 """
 
 from collections.abc import Sequence

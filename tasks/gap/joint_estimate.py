@@ -2,12 +2,13 @@
 
     θ = argmin  ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n E(θ)/(2 E₁)
 
-θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/SPREAD² independent numbers, as many as
-make log E scatter by what is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another size hides there behind start states and
-forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have the say.
+θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/SPREAD² independent
+numbers, as many as make log E scatter by what is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another
+size hides there behind start states and forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have
+the say.
 
-Derivatives over seconds of cloth may lead anywhere, or nowhere: large ones that have nothing to do with what is left hold a strength wherever it was simulated.
-So estimates are replayed, and compare by what they then are
+Derivatives over seconds of cloth may lead anywhere, or nowhere: large ones that have nothing to do with what is left hold a strength
+wherever it was simulated. So estimates are replayed, and compare by what they then are
 
     Q(θ) = ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n/2 log E(θ)
 
@@ -32,7 +33,9 @@ LEAST = 0.25  # of the floor, below which no replay is foretold to come
 
 
 def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float] = NOWHERE) -> Fitted:
-    """The hypothesis that windows and replays together ask for. told: E(θ) [m²] about the strengths `origin` and the fabric of the replay, where E is `off` [m²]."""
+    """The hypothesis that windows and replays together ask for. told: E(θ) [m²] about the strengths `origin` and the fabric of the replay,
+    where E is `off` [m²].
+    """
     columns, p = list(windows.strengths), len(PARAMETERS)
     i = told.index([*PARAMETERS, *columns])
     at = np.array([0.0] * p + [origin.get(c, 0.0) for c in columns])
@@ -61,7 +64,9 @@ def disagreement(asked: Fitted, windows: Fitted, off: float) -> float:
 
 
 def foretold(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, float] = NOWHERE) -> tuple[Fitted, float]:
-    """The joint hypothesis about replays that are `off` and hold the strengths `origin`, and its log Bayes factor against them as far as derivatives tell."""
+    """The joint hypothesis about replays that are `off` and hold the strengths `origin`, and its log Bayes factor against them as far as
+    derivatives tell.
+    """
     h = joint(windows, told, off.gap, origin)
     i = told.index([*PARAMETERS, *h.strengths])
     δ = np.concatenate([h.base, [θ - origin.get(c, 0.0) for c, θ in h.strengths.items()]])

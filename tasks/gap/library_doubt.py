@@ -7,8 +7,8 @@ Odds are max(g, √(f g))^s, with s = `SHARPNESS`, of what the best hypothesis l
     f = σ_a²/k²                                           to be explained by forcing σ_a [m/s²] without a name, against what is known to be there:
                                                           k² = `NUMERICS` times what the finer re-run would be taken for, squared, and `TOLERATED`²
 
-Forcing alone is no reason for doubt: where contact comes a little early it asks for metres per second squared, and nothing is seen of them. What acts slowly
-shows in replays only. The constants are chosen on open cases (README).
+Forcing alone is no reason for doubt: where contact comes a little early it asks for metres per second squared, and nothing is seen of them.
+What acts slowly shows in replays only. The constants are chosen on open cases (README).
 """
 
 from collections.abc import Mapping, Sequence

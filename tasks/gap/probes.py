@@ -1,16 +1,18 @@
 """Probes: effects simulated at a strength that shows, where derivatives at strength zero led to no name.
 
-What a strong cause does is not what its derivative foretells: to cloth five times softer one way than the other an isotropic base fits the mean, and the slope
-there may point nowhere; air that weighs five times what the cloth does makes it another fabric. So what acts through forces is simulated at `PROBED` typical
-strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks by
+What a strong cause does is not what its derivative foretells: to cloth five times softer one way than the other an isotropic base fits the
+mean, and the slope there may point nowhere; air that weighs five times what the cloth does makes it another fabric. So what acts through
+forces is simulated at `PROBED` typical strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks
+by
 
     ⟨log(J_w/J_w^base)⟩_w        J_w: misfit with start and base parameters marginalised by the base's derivatives; the mean of logarithms, for a window
                                  that kinks would outvote the others
 
-From where the best are, base and strength are fitted together in all windows (`cloth/joint_refit.py`); there they are simulated and weighed as all others are
-(`trials.py`): a probe proposes, and is no evidence.
+From where the best are, base and strength are fitted together in all windows (`cloth/joint_refit.py`); there they are simulated and weighed
+as all others are (`trials.py`): a probe proposes, and is no evidence.
 
-Source: the logarithm of a sum of squares is the log likelihood where its scale is unknown. Limits: one strength either way, of each component alone.
+Source: the logarithm of a sum of squares is the log likelihood where its scale is unknown. Limits: one strength either way, of each
+component alone.
 """
 
 from collections.abc import Iterator, Sequence

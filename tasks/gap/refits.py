@@ -31,9 +31,10 @@ TWIN = 0.01  # of evidence, so that of two that are the same the one that was si
 
 @dataclass(frozen=True)
 class Refitted:
-    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, those of them that could be followed linear about it
-    (`windows`; None where these are too few) and, linear about the base, what they are compared with (`against`), its replays, and what replays as it was simulated
-    tell of every effect (`Replay.normals`, mean)."""
+    """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, those of them that could be
+    followed linear about it (`windows`; None where these are too few) and, linear about the base, what they are compared with (`against`),
+    its replays, and what replays as it was simulated tell of every effect (`Replay.normals`, mean).
+    """
 
     hypothesis: Fitted
     model: Model
@@ -54,8 +55,8 @@ def refitted(
 ) -> Refitted:
     """The training windows followed once more with the hypothesis' effects at their strengths, and what a last linear step adds.
 
-    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents. Where too few windows can be followed so far
-    from there, half-way.
+    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents. Where too few
+    windows can be followed so far from there, half-way.
     """
     for model in _on_the_way(screened.base.model.joined(effects, {}), start or screened.base.model, hypothesis):
         evidence = _simulated(model, screened, data, screened.evidence, run)
@@ -79,13 +80,15 @@ def _on_the_way(model: Model, start: Model, hypothesis: Fitted) -> Iterator[Mode
 
 
 def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map = map) -> Refitted:
-    """A hypothesis weighed by further windows of `data` as well, with tangents of all effects in `before`, the base's evidence of them; its strengths stay."""
-    origin, effects = named.windows, named.windows.effects
+    """A hypothesis weighed by further windows of `data` as well, with tangents of all effects in `before`, the base's evidence of them; its
+    strengths stay.
+    """
+    taught, effects = named.windows, named.windows.effects
     evidence = _simulated(named.model, screened, data, before, run)
     both = [pair for pair in zip(before, evidence, strict=True) if all(e.prediction.complete for e in pair)]
     base, own = (compressed([pair[k] for pair in both], screened.prior, effects, screened.doubt) for k in (0, 1))
     against = named.against.beside(base)
-    windows = against.about([*origin.given, *own], named.hypothesis.effects, origin.origin)
+    windows = against.about([*taught.given, *own], named.hypothesis.effects, taught.origin)
     hypothesis = replace(named.hypothesis, weights=windows.fit(named.hypothesis.effects).weights)
     return replace(named, hypothesis=hypothesis, windows=windows, against=against)
 
@@ -101,9 +104,9 @@ def _simulated(model: Model, screened: Screened, data: Gathered, before: Sequenc
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:
     """The same as windows and whole recordings together ask for it, weighed by how its replays compare with the base's.
 
-    It is replayed as it was simulated; where what both together ask for is far from that, so once more, and where what windows alone ask for is far from either, so
-    too. Of these the one counts with which windows and replays disagree least (`joint_estimate.py`). beside: of two causes the first alone, as it was simulated: the
-    second is weighed by how replays of both compare with that one's.
+    It is replayed as it was simulated; where what both together ask for is far from that, so once more, and where what windows alone ask
+    for is far from either, so too. Of these the one counts with which windows and replays disagree least (`joint_estimate.py`). beside: of
+    two causes the first alone, as it was simulated: the second is weighed by how replays of both compare with that one's.
     """
     if named.windows is None:
         return named
@@ -152,8 +155,9 @@ def searched(named: Refitted) -> tuple[Fitted, ...]:
 
 
 def foretold_beside(named: Refitted, pair: Fitted) -> tuple[Fitted, float]:
-    """A second effect beside the one that was simulated, as windows and whole recordings together ask for both, and the log Bayes factor of it by replays, as far
-    as derivatives about the first one's tell."""
+    """A second effect beside the one that was simulated, as windows and whole recordings together ask for both, and the log Bayes factor of
+    it by replays, as far as derivatives about the first one's tell.
+    """
     if named.told is None:
         return pair, 0.0
     here = replace(named.replayed, gap=named.told.c)
@@ -181,7 +185,9 @@ def _far(before: Array, after: Array, fabric: Array) -> bool:
 
 
 def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike: Twins) -> list[Fitted]:
-    """Hypotheses as they weigh after the refits: a twin of one that was simulated weighs as that one less `TWIN`, for its own simulation would be the same."""
+    """Hypotheses as they weigh after the refits: a twin of one that was simulated weighs as that one less `TWIN`, for its own simulation
+    would be the same.
+    """
     found = []
     for h in singles:
         own = after.get(h.name)
@@ -218,10 +224,12 @@ def by_length(screened: Screened, train: Gathered) -> list[Fitted]:
 def contenders(
     singles: Sequence[Fitted], seen: Sequence[Fitted], most: int, alike: Twins, missing: float, whole: Mapping[str, float] = NOWHERE
 ) -> list[Fitted]:
-    """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the strongest.
+    """Hypotheses worth a refit with the simulator: those `seen` otherwise, then those whose evidence, linear about the base, is near the
+    strongest.
 
-    Of twins one is enough. At most `most`, of the others at least one. missing: log Bayes factor that anything is, by replays: where it is negative, more
-    evidence is asked for. whole: name -> the same of a hypothesis as far as derivatives foretell it, which adds to its evidence.
+    Of twins one is enough. At most `most`, of the others at least one. missing: log Bayes factor that anything is, by replays: where it is
+    negative, more evidence is asked for. whole: name -> the same of a hypothesis as far as derivatives foretell it, which adds to its
+    evidence.
     """
     promise = {h.name: h.evidence + max(whole.get(h.name, 0.0), 0.0) / TEMPER for h in singles}
     strongest, least = max(promise.values()), least_worth(missing)

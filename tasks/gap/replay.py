@@ -1,30 +1,32 @@
 """Recordings replayed in one run from their first state: does the model come as near as its own discretisation lets it?
 
-Within a fifth of a second a cause that acts slowly hides behind the uncertain start; over the whole recording it adds up. A replay starts where its first
-frames, up to `LONG_S`, ask for (`shooting.nearer_start`, in `STARTING` smooth modes): a velocity off by 10 mm/s would lead it a centimetre astray. Replays of cloth
-diverge from one another too, so the yardstick are two other replays, one of them on a finer mesh, each from a start that other errors of tracking would have led to:
+Within a fifth of a second a cause that acts slowly hides behind the uncertain start; over the whole recording it adds up. A replay starts
+where its first frames, up to `LONG_S`, ask for (`shooting.nearer_start`, in `STARTING` smooth modes): a velocity off by 10 mm/s would lead
+it a centimetre astray. Replays of cloth diverge from one another too, so the yardstick are two other replays, one of them on a finer mesh,
+each from a start that other errors of tracking would have led to:
 
     ratio² = E/E_0,    E = Σ_t w_t ⟨|y − x|²⟩_t,    E_0 = Σ_t w_t F_t,    F_t = 3σ² + max ⟨|x_other − x|²⟩_t,    w_t ∝ 1/F_t,    Σ_t w_t = 1
 
-with ⟨·⟩_t over vertices. Each frame counts over its own floor: once folds have fallen, replays are centimetres apart, and frames that nobody can foretell would
-drown those before. The farther of two, for one alone may have parted little by chance: of six of a null skirt, on either mesh, the nearest ended 4.9 mm off,
-the farthest 10.6.
+with ⟨·⟩_t over vertices. Each frame counts over its own floor: once folds have fallen, replays are centimetres apart, and frames that
+nobody can foretell would drown those before. The farther of two, for one alone may have parted little by chance: of six of a null skirt, on
+either mesh, the nearest ended 4.9 mm off, the farthest 10.6.
 
-About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing; what, its derivatives
-foretell roughly, for few hold that long (`joint_estimate.py`). As a Bayes factor, with log ratio² normal of standard deviation `SPREAD` about that and d log-uniform
-over `DISPLACEMENTS`,
+About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing;
+what, its derivatives foretell roughly, for few hold that long (`joint_estimate.py`). As a Bayes factor, with log ratio² normal of standard
+deviation `SPREAD` about that and d log-uniform over `DISPLACEMENTS`,
 
     log ⟨N(log ratio²; log(1 + d²/E_0))⟩_d − log N(log ratio²; 0),    within `MOST`: folds fall one way or the other by chance
 
 so that a floor of centimetres, where folds never fall twice alike, says little.
 
-A hypothesis that was simulated is replayed too, and ends E_h from the recording and d from the base's replay. Were it true, the base would be off by
-E_0 + d² and it by E_0; were nothing missing, the other way round:
+A hypothesis that was simulated is replayed too, and ends E_h from the recording and d from the base's replay. Were it true, the base would
+be off by E_0 + d² and it by E_0; were nothing missing, the other way round:
 
     log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
 
-with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that. At most what is left of `MOST_NAMED`
-once ½ (log ratio²/LEAVES)² of E_h is taken off: of two causes that both come far nearer than the base, the one that leaves least.
+with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that. At most what is left
+of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two causes that both come far nearer than the base, the one that leaves
+least.
 
 Source: posterior predictive checks (Gelman, Meng & Stern 1996). Limits: says nothing where a replay cannot be finished.
 """
@@ -56,8 +58,9 @@ STARTING = 12  # modes in which the start of a replay may be wrong
 
 @dataclass(frozen=True)
 class Replayed:
-    """E and E_0 [m²], means over recordings; NaN where no replay could be compared. apart: d² from the base's replay [m²]; chance: of E_0 what replays that
-    start alike part by [m²]."""
+    """E and E_0 [m²], means over recordings; NaN where no replay could be compared. apart: d² from the base's replay [m²]; chance: of
+    E_0 what replays that start alike part by [m²].
+    """
 
     gap: float
     floor: float

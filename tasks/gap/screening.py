@@ -40,8 +40,9 @@ ROUGH = 3  # windows of the first rounds of the base refit
 
 @dataclass(frozen=True)
 class Screened:
-    """The refitted base, the training windows' evidence with all tangents, the start states' prior once forcing has its own, the hypotheses, best first, and what
-    the mesh leaves in doubt."""
+    """The refitted base, the training windows' evidence with all tangents, the start states' prior once forcing has its own, the
+    hypotheses, best first, and what the mesh leaves in doubt.
+    """
 
     base: BaseFit
     evidence: tuple[Evidence, ...]
@@ -54,7 +55,8 @@ class Screened:
 def roughly_refitted(
     model: Model, each: Sequence[Gathered], run: Map = map, tell: Callable[[str], None] = lambda text: None
 ) -> tuple[Model, Correlation]:
-    """The model after the first rounds of the base refit, on a few windows of each length, short ones first, and how the tracker's errors correlate there.
+    """The model after the first rounds of the base refit, on a few windows of each length, short ones first, and how the tracker's errors
+    correlate there.
 
     From a fabric far off, long windows lead nowhere; short ones may not tell one fabric from another.
     """
@@ -105,8 +107,8 @@ def signatures(
 def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
     """The start that the base asks for in a window, and what computing otherwise changes.
 
-    That is simulated from the state itself, where the cloth lies as forces and body let it: a start that was moved along smooth modes is freed of the body by
-    every mesh in its own way, which would be taken for what the mesh does to the motion.
+    That is simulated from the state itself, where the cloth lies as forces and body let it: a start that was moved along smooth modes is
+    freed of the body by every mesh in its own way, which would be taken for what the mesh does to the motion.
     """
     todo, found = job
     x = found.prediction.x

@@ -1,7 +1,7 @@
 """The spectrum of a residual within windows: how much of it is an offset, and how much moves at which frequency.
 
-Every window starts anew, so frequencies below 1/(its length) do not exist; what is slower is the offset. By Parseval's theorem the squares of
-the figures add up to the mean squared distance. White noise of σ per coordinate puts 3σ²·(lines per band)/L into each.
+Every window starts anew, so frequencies below 1/(its length) do not exist; what is slower is the offset. By Parseval's theorem the squares
+of the figures add up to the mean squared distance. White noise of σ per coordinate puts 3σ²·(lines per band)/L into each.
 """
 
 from collections import Counter

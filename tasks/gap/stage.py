@@ -1,7 +1,7 @@
 """The door of gap: where the fitted physics differs from the recording, which effect it lacks, and how far the gap then shrinks.
 
-Where is told of all garments; the cause is sought on the largest, whose motion says most. Effects that the fitted cloth already has are part of the
-base, at the strengths fitted, and no suspects.
+Where is told of all garments; the cause is sought on the largest, whose motion says most. Effects that the fitted cloth already has are
+part of the base, at the strengths fitted, and no suspects.
 """
 
 import os

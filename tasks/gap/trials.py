@@ -1,8 +1,9 @@
 """Trials: the leading hypotheses simulated and replayed, until the strength of the one that leads stands still.
 
-Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where its strength
-moved, from where it stands; and where it leaves much unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is that observed lengths
-ask for (`observed_lengths.py`). Where even so much is left, effects at strengths that show are asked too (`probes.py`).
+Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where
+its strength moved, from where it stands; and where it leaves much unexplained, once in a fabric that is fitted afresh with it
+(`afresh.py`), as a scale is that observed lengths ask for (`observed_lengths.py`). Where even so much is left, effects at strengths that
+show are asked too (`probes.py`).
 """
 
 from collections.abc import Callable, Sequence
@@ -100,7 +101,8 @@ class Trials:
         return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
 
     def settle(self, *, quick: bool) -> None:
-        """Simulate the contenders, then whichever leads until it stands still, a second cause beside it, and what probes propose where all that leaves much.
+        """Simulate the contenders, then whichever leads until it stands still, a second cause beside it, and what probes propose where all
+        that leaves much.
 
         quick: one contender, once more at most; afresh only where lengths ask for a scale.
         """

@@ -1,18 +1,19 @@
 """From weighed hypotheses to a verdict: a class of effects, none, outside the library, or not testable; with probabilities.
 
-Posterior weights beside 1 for "none": B π_e exp(T E_e) of a single effect with evidence E_e, B π_e π_f exp(T (E_e + E_f|e)) of the pair that a second
-effect f makes with the leading one; B says what whole recordings make of it, replayed with the effect where it was simulated and else that anything is
-missing (`replay.py`); a second effect that was simulated has what replays of both say beyond those of the first. The temper T < 1 says
-how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
-effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER`
-of the leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
+Posterior weights beside 1 for "none": B π_e exp(T E_e) of a single effect with evidence E_e, B π_e π_f exp(T (E_e + E_f|e)) of the pair
+that a second effect f makes with the leading one; B says what whole recordings make of it, replayed with the effect where it was simulated
+and else that anything is missing (`replay.py`); a second effect that was simulated has what replays of both say beyond those of the first.
+The temper T < 1 says how far evidence from simulations of a simulation may be trusted, and no evidence excludes an
+effect by more than `EXCLUDED`: where the model errs in other ways, it errs about what is absent too. Effects within `TOGETHER` of the
+leader's evidence, and those whose signatures are its own up to strength (|cos| ≥ `ALIKE`), form its class: this recording cannot tell them
 apart. Those within as much of the second one form the second's.
 
-"Outside the library" takes the place of "none", times B, by the doubt u that the best hypothesis leaves (`library_doubt.py`). A cause in the library
-leaves nothing; by itself it weighs 1 − (1 − `OTHERWISE`) u of that. What motion kept out has vetoed (`confirmation.py`) has no evidence, less `VETO`.
+"Outside the library" takes the place of "none", times B, by the doubt u that the best hypothesis leaves (`library_doubt.py`). A cause in
+the library leaves nothing; by itself it weighs 1 − (1 − `OTHERWISE`) u of that. What motion kept out has vetoed (`confirmation.py`) has no
+evidence, less `VETO`.
 
-Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The constants
-are chosen on open cases (README).
+Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error-domain model falsification (Goulet & Smith 2013). The
+constants are chosen on open cases (README).
 """
 
 from collections.abc import Callable, Sequence
@@ -51,7 +52,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Verdict:
-    """kind; the named hypothesis; class of each of its effects; probability; candidates, likeliest first (always with none and outside_library, sum 1).
+    """kind; the named hypothesis; class of each of its effects; probability; candidates, likeliest first (always with none and
+    outside_library, sum 1).
 
     Where motion kept out speaks against what leads, or cannot speak, the first candidate is not what is said.
     """
@@ -84,9 +86,10 @@ def judge(
     cosines: Confusability | None = None,
     vetoed: frozenset[str] = frozenset(),
 ) -> Verdict:
-    """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that anything
-    in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed; vetoed: effects that
-    did not help on motion kept out, which are not named and weigh at most a hundredth of their prior."""
+    """Weigh single effects, and pairs of which the first effect is that of the leading single. unexplained: share in 0..1 of doubt that
+    anything in the library is the cause; missing: log Bayes factor that anything is; cosines: of the signatures of the effects weighed;
+    vetoed: effects that did not help on motion kept out, which are not named and weigh at most a hundredth of their prior.
+    """
     whole = with_replays(missing, vetoed)
     ranked = sorted(singles, key=whole, reverse=True)
     sole = 1.0 - (1.0 - OTHERWISE) * unexplained
@@ -115,8 +118,9 @@ def judge(
 
 
 def with_replays(missing: float, vetoed: frozenset[str] = frozenset()) -> Callable[[Fitted], float]:
-    """Evidence of a hypothesis with what replays say in it, its own if it was simulated, else that anything is missing; those are not tempered. What
-    motion kept out vetoes has no evidence for it: that it fitted was a coincidence."""
+    """Evidence of a hypothesis with what replays say in it, its own if it was simulated, else that anything is missing; those are not
+    tempered. What motion kept out vetoes has no evidence for it: that it fitted was a coincidence.
+    """
 
     def evidence(h: Fitted) -> float:
         whole = max(h.evidence, -EXCLUDED) + (missing if h.support is None else h.support) / TEMPER

@@ -1,8 +1,8 @@
 """CHOLMOD on kernels that suit the processor.
 
-A distribution's OpenBLAS takes processors newer than itself for the least that it knows: Debian 12's (0.3.21) runs a Xeon of 2023 on kernels for a
-Prescott of 2004, and factorises cloth in one and a half times the time. numpy brings a newer OpenBLAS, which is loaded first and recognises more: what that one
-says, the other is told. A type that the user has set is never overridden.
+A distribution's OpenBLAS takes processors newer than itself for the least that it knows: Debian 12's (0.3.21) runs a Xeon of 2023 on
+kernels for a Prescott of 2004, and factorises cloth in one and a half times the time. numpy brings a newer OpenBLAS, which is loaded first
+and recognises more: what that one says, the other is told. A type that the user has set is never overridden.
 """
 
 import os

@@ -1,15 +1,16 @@
 """Coarser meshes whose vertices are some of the given ones: half-edge collapse.
 
-A vertex v is pulled onto a neighbour u, the shortest edge of the mesh first, so that what is known of the vertices left needs no interpolation. It may go only
-where the surface stays what it was:
+A vertex v is pulled onto a neighbour u, the shortest edge of the mesh first, so that what is known of the vertices left needs no
+interpolation. It may go only where the surface stays what it was:
 
     v, u of one kind                      lines and zones keep their vertices to themselves
     v on a border                         goes along the border, and not where that turns
     common neighbours of v and u          are the corners across the edge, no more (link condition): the surface stays manifold
     faces that follow v                   turn by less than `TURN` and stay rounder than `ROUND`
 
-Then edges are flipped where the surface is flat and triangles are not Delaunay. Source: Hoppe et al. 1993 (link condition); Kobbelt, Campagna, Seidel 1998
-(half-edge collapse); Lawson 1977 (flips). Limits: a mesh so full of lines that nothing may go stays larger than asked.
+Then edges are flipped where the surface is flat and triangles are not Delaunay. Source: Hoppe et al. 1993 (link condition); Kobbelt,
+Campagna, Seidel 1998 (half-edge collapse); Lawson 1977 (flips). Limits: a mesh so full of lines that nothing may go stays larger than
+asked.
 """
 
 import heapq
@@ -31,8 +32,9 @@ FLAT = np.cos(np.radians(20))  # between the faces of an edge that may be flippe
 
 @dataclass(frozen=True)
 class Decimation:
-    """kept [N] the vertices left, in their old order and numbers; faces [F', 3] of their new numbers; nearest [V] the new number of the kept vertex that is
-    nearest to each old one along the edges of the old mesh."""
+    """kept [N] the vertices left, in their old order and numbers; faces [F', 3] of their new numbers; nearest [V] the new number of the
+    kept vertex that is nearest to each old one along the edges of the old mesh.
+    """
 
     kept: Indices
     faces: Indices

@@ -1,6 +1,7 @@
 """The same surface in other triangles: diagonals of neighbouring faces exchanged, each face at most once.
 
-Of two faces (a, b, c) and (b, a, d) that are nearly coplanar come (a, d, c) and (d, b, c). The shortest new diagonals, relative to the old ones, are
+Of two faces (a, b, c) and (b, a, d) that are nearly coplanar come (a, d, c) and (d, b, c). The shortest new diagonals, relative to the old
+ones, are
 taken first: on a grid of squares these are the other diagonals, of which none is worse. Source: Lawson 1972.
 """
 
@@ -20,7 +21,8 @@ FLAT = 0.9  # cosine between normals of faces that count as coplanar
 def flip(vertices: Array, faces: Indices, corners: Array | None = None) -> tuple[Indices, Array | None]:
     """Faces [F, 3] of the vertices [V, 3] m with other diagonals, and the pattern's places [F, 3, 2] m of their corners (None: no pattern).
 
-    Edges along which corners of the two faces differ (seams) stay, and diagonals that do not cross in the pattern, where worn cloth may have other shapes.
+    Edges along which corners of the two faces differ (seams) stay, and diagonals that do not cross in the pattern, where worn cloth may
+    have other shapes.
     """
     found, values = faces.copy(), None if corners is None else corners.copy()
     taken, there = np.zeros(len(faces), bool), {tuple(e) for e in np.sort(edges(faces), 1).tolist()}

@@ -1,4 +1,5 @@
-"""Distances of points, segments and triangles, and the algebra of vectors that they need, compiled, on tuples (x, y, z): no array is made for any of them.
+"""Distances of points, segments and triangles, and the algebra of vectors that they need, compiled, on tuples (x, y, z): no array is made
+for any of them.
 
 Source: Ericson 2005, Real-Time Collision Detection, §5.1.5 (point and triangle) and §5.1.9 (segments).
 """

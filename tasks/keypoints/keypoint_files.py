@@ -5,8 +5,9 @@
     camera/*.json         OpenPose, one file per frame in the order of their names: people with pose_keypoints_2d (18 or 25), face, hands
 
 Many DWPose wrappers give 134 points: the body reordered to OpenPose-18 with a neck at 1, or COCO's order with a neck at 17. Which of them
-is told once for all frames and cameras, by the neck, which is the exact mean of the shoulders; when that does not decide, the file is refused.
-Pixel coordinates have the centre of the first pixel at (0.5, 0.5); most tools count that centre as (0, 0): `pixel_centre` says which.
+is told once for all frames and cameras, by the neck, which is the exact mean of the shoulders; when that does not decide, the file is
+refused. Pixel coordinates have the centre of the first pixel at (0.5, 0.5); most tools count that centre as (0, 0): `pixel_centre` says
+which.
 Limits: one person per file, the one whose body's scores sum highest when OpenPose lists several.
 """
 

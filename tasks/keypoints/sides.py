@@ -4,8 +4,8 @@ For each frame the body's points x are found robustly from all views; a view is 
 
     Σ_k w_k log(1 + |π(x_k) − u_flip(k)|²/σ²) < GAIN · Σ_k w_k log(1 + |π(x_k) − u_k|²/σ²)        over points that have two sides
 
-and x is found again until nothing turns, ROUNDS times at most. Limit: the majority decides; if most views are wrong, all end up wrong together,
-and where half of them are, either may happen.
+and x is found again until nothing turns, ROUNDS times at most. Limit: the majority decides; if most views are wrong, all end up wrong
+together, and where half of them are, either may happen.
 """
 
 import numpy as np

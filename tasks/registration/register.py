@@ -1,9 +1,9 @@
 """The body registered to tracked skin: shape and poses that bring its surface to where skin was seen.
 
-Keypoints from a detector are some centimetres off where clothes hide a joint or the detector errs in one way on every image; skin is tracked to millimetres.
-From the keypoint fit on, points of the body closest to tracked skin are found and drawn to it in turn (iterated closest points; Besl & McKay 1992), with
-the priors of the keypoint fit about its own poses: what no skin shows stays where the keypoints put it. One shape, from a few frames together, then every
-frame for itself.
+Keypoints from a detector are some centimetres off where clothes hide a joint or the detector errs in one way on every image; skin is
+tracked to millimetres. From the keypoint fit on, points of the body closest to tracked skin are found and drawn to it in turn (iterated
+closest points; Besl & McKay 1992), with the priors of the keypoint fit about its own poses: what no skin shows stays where the keypoints
+put it. One shape, from a few frames together, then every frame for itself.
 
 Limits: garments are no skin, and hair and shoes are taken for it as far as 3 cm; a person of whom little skin is seen gets little from it.
 """

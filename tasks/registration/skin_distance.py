@@ -2,9 +2,10 @@
 
     E = λ (N/q) Σ_i [ g(d_i) + τ ‖p_i − s_i‖² ],    d_i = n_i·(p_i − s_i),    g(d) = d² ρ²/(ρ² + d²)
 
-p_i: point of the body closest to the tracked vertex s_i, n_i its normal. Point to plane (Chen & Medioni 1992): skin may slide along a body that is not yet
-in place; a little of the whole distance (τ) keeps flat regions from drifting. Saturated (Geman & McClure 1987) beyond ρ = 3 cm: hair and shoes are no skin.
-The interface is `body/reprojection.Sight`'s, so the body's own objective takes it in place of what cameras saw.
+p_i: point of the body closest to the tracked vertex s_i, n_i its normal. Point to plane (Chen & Medioni 1992): skin may slide along a body
+that is not yet in place; a little of the whole distance (τ) keeps flat regions from drifting. Saturated (Geman & McClure 1987) beyond ρ
+= 3 cm: hair and shoes are no skin. The interface is `body/reprojection.Sight`'s, so the body's own objective takes it in place of what
+cameras saw.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,12 @@
 """Additive continuous collision detection: how far points may move until a pair of primitives is nearer than a tenth of its gap.
 
-With the mean displacement taken off, two primitives approach by no more than l_p = max‖p_a‖ + max‖p_b‖ per unit of the way. So from distance d at
-share t they stay apart until
+With the mean displacement taken off, two primitives approach by no more than l_p = max‖p_a‖ + max‖p_b‖ per unit of the way. So from
+distance d at share t they stay apart until
 
     t + s (d − ξ)/l_p,                   ξ: distance to be kept,  s = 0.9
 
-and such steps are added up until d − ξ is less than (1 − s) of what it was at the start, or the way is done. Pairs whose boxes at the start are too far
-apart for that are passed over without a distance.
+and such steps are added up until d − ξ is less than (1 − s) of what it was at the start, or the way is done. Pairs whose boxes at the start
+are too far apart for that are passed over without a distance.
 
 Source: Li, Kaufman, Jiang 2021 (Codim-IPC), Algorithm 1. Held to ipctk's by test.
 """
@@ -25,7 +25,8 @@ Indices = NDArray[np.int32]
 def free_share(
     X: Array, Y: Array, edges: Indices, faces: Indices, edge_edge: Indices, face_vertex: Indices, keep: float, kept_share: float
 ) -> float:
-    """Largest share of the segment X → Y [V, 3] m on which every pair keeps `kept_share` of what it has beyond the distance `keep` [m]; 1 when all of it does.
+    """Largest share of the segment X → Y [V, 3] m on which every pair keeps `kept_share` of what it has beyond the distance `keep` [m];
+    1 when all of it does.
 
     edges [E, 2], faces [F, 3]; edge_edge [N, 2], face_vertex [M, 2]: the pairs that are asked about.
     """

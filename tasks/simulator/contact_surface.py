@@ -1,11 +1,11 @@
 """The surface of contact: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
 
-Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could
-answer them. Candidates found for a segment x → y hold for every point of it and for all within a little slack around, so that the broad phase,
+Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could answer
+them. Candidates found for a segment x → y hold for every point of it and for all within a little slack around, so that the broad phase,
 which sees the whole collider, is asked about once per step, not once per Newton iteration.
 
-Pairs and their potentials are ipctk's; what asks about every candidate, the broad phase and continuous collision detection, is compiled here (`near_pairs.py`,
-`additive_ccd.py`), for there a step spent a third of its time.
+Pairs and their potentials are ipctk's; what asks about every candidate, the broad phase and continuous collision detection, is compiled
+here (`near_pairs.py`, `additive_ccd.py`), for there a step spent a third of its time.
 
 Source: Li et al. 2020 (IPC); additive continuous collision detection of Li, Kaufman, Jiang 2021.
 """
@@ -90,8 +90,9 @@ class ContactSurface:
         self._near = None
 
     def free_step(self, X: Array, Y: Array) -> float:
-        """Largest share of the segment X → Y that stays free of contact; 1 when all of it does, 0 where Y is not finite. A long segment is looked at in
-        stretches, each four times the last, for most that are long are blocked early."""
+        """Largest share of the segment X → Y that stays free of contact; 1 when all of it does, 0 where Y is not finite. A long segment is
+        looked at in stretches, each four times the last, for most that are long are blocked early.
+        """
         longest = float(np.abs(Y - X).max(initial=0.0))
         if not np.isfinite(longest):
             return 0.0

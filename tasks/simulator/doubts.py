@@ -1,7 +1,8 @@
 """Inputs that can be simulated but are probably not meant; what cannot be simulated is refused (`Cloth`, `simulate`).
 
-Whoever reads geometry asks for doubts, once: parameters outside the range of real cloth, a piece that nothing can hold, a collider that leaps,
-prescribed nodes under the skin. `simulate`, which windows call by the hundred, does not. Range of the fabric: design's for the ratios; densities from voile to felt.
+Whoever reads geometry asks for doubts, once: parameters outside the range of real cloth, a piece that nothing can hold, a collider that
+leaps, prescribed nodes under the skin. `simulate`, which windows call by the hundred, does not. Range of the fabric: design's for the
+ratios; densities from voile to felt.
 """
 
 import numpy as np

@@ -77,8 +77,9 @@ def hinge_shape(cloth: Cloth) -> Array:
 
 
 def folds(cloth: Cloth) -> csr_matrix:
-    """∂θ/∂z [H, V] rad/m of hinges laid flat by deflections z [V] m across the cloth: of a corner 1/h, of the edge's ends −(1 − x/|e|)/h and −x/(|e| h), for
-    both corners of height h over the edge and foot x on it."""
+    """∂θ/∂z [H, V] rad/m of hinges laid flat by deflections z [V] m across the cloth: of a corner 1/h, of the edge's ends −(1 − x/|e|)/h
+    and −x/(|e| h), for both corners of height h over the edge and foot x on it.
+    """
     a, b, *corners = cloth.hinges.T
     edge = cloth.x_rest[b] - cloth.x_rest[a]
     length = np.linalg.norm(edge, axis=1)

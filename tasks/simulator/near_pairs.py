@@ -1,12 +1,12 @@
 """Which edges and edges, faces and vertices come near one another on a segment: the broad phase of contact, by trees of boxes.
 
-The elements of a surface are sorted once, at rest, into a binary tree: halves along the longest side of the box around their centres. Whatever the surface does
-later, a node's box is the one around its two children's, and is only made anew; two trees are gone through together, from the roots down, as far as
-boxes meet. Neighbours on a surface stay neighbours, so that boxes stay small without ever sorting again, which is what a tree of the moment spends
-its time on.
+The elements of a surface are sorted once, at rest, into a binary tree: halves along the longest side of the box around their centres.
+Whatever the surface does later, a node's box is the one around its two children's, and is only made anew; two trees are gone through
+together, from the roots down, as far as boxes meet. Neighbours on a surface stay neighbours, so that boxes stay small without ever sorting
+again, which is what a tree of the moment spends its time on.
 
-Source: van den Bergen 1997, Efficient collision detection of complex deformable models using AABB trees. Limits: boxes of elements that drift apart, as of two
-fingers that were one half, meet needlessly; nothing is missed.
+Source: van den Bergen 1997, Efficient collision detection of complex deformable models using AABB trees. Limits: boxes of elements that
+drift apart, as of two fingers that were one half, meet needlessly; nothing is missed.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,8 @@ LEAF = 8  # most elements of a leaf
 class BoxTree:
     """Elements [P, m] of a surface in the order of a tree: node n has children 2n + 1 and 2n + 2, and holds elements start[n]:end[n].
 
-    number [P]: of each element in the order it was given; free [P]: whether something may move it; free_below [nodes]: whether it may move any below.
+    number [P]: of each element in the order it was given; free [P]: whether something may move it; free_below [nodes]: whether it may move
+    any below.
     """
 
     elements: Indices

@@ -1,13 +1,13 @@
 """Newton's directions through one step: H p = −g, with few factorisations.
 
-The exact Hessian H is tried first; where it is not positive definite, (1 − λ) H + λ H₊ with the convex neighbours H₊ of the terms and the least λ of
-a ladder that is. λ is lowered after every success, so that the last iterations converge quadratically. (With H₊ itself, buckling cloth crawls: more than 300
-iterations for a step that takes 10.) Where steps end at a velocity, as C-IPC's do, often while still leaving a saddle, there is no such end to reach, and
-H₊ serves alone.
+The exact Hessian H is tried first; where it is not positive definite, (1 − λ) H + λ H₊ with the convex neighbours H₊ of the terms and the
+least λ of a ladder that is. λ is lowered after every success, so that the last iterations converge quadratically. (With H₊ itself, buckling
+cloth crawls: more than 300 iterations for a step that takes 10.) Where steps end at a velocity, as C-IPC's do, often while still leaving a
+saddle, there is no such end to reach, and H₊ serves alone.
 
-Within a step H changes little. So whatever was factorised last is the preconditioner of conjugate gradients on the matrix at hand, until the error is
-`FORCING` of what it was. Where they meet a direction of negative curvature that matrix is not definite; where they take more than `MOST` iterations, or promise
-to, it is factorised. A direction found without meeting one goes downhill, as Newton's own does.
+Within a step H changes little. So whatever was factorised last is the preconditioner of conjugate gradients on the matrix at hand, until
+the error is `FORCING` of what it was. Where they meet a direction of negative curvature that matrix is not definite; where they take more
+than `MOST` iterations, or promise to, it is factorised. A direction found without meeting one goes downhill, as Newton's own does.
 
 Source: Dembo, Eisenstat, Steihaug 1982 (inexact Newton methods); Steihaug 1983 (negative curvature).
 """
@@ -122,7 +122,9 @@ def times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
 
 
 def preconditioned(A: csc_matrix, b: Array, factor: Factor, forcing: float) -> Array | None:
-    """A⁻¹ b [n] by conjugate gradients, A given by its lower triangle; None where they take too long. Raises NotPositiveDefinite where they meet negative curvature."""
+    """A⁻¹ b [n] by conjugate gradients, A given by its lower triangle; None where they take too long. Raises NotPositiveDefinite where they
+    meet negative curvature.
+    """
     p, r = np.zeros_like(b), b.copy()
     z = factor.solve(r)
     q, rz = z, float(r @ z)

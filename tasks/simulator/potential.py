@@ -48,8 +48,9 @@ class Step:
 
 @dataclass(frozen=True)
 class StepTangent:
-    """Directional derivatives of what `Step` knows, for K columns at once: cloth fields [K, V, 3]; collider fields [M, C, 3] of the last M columns, for the
-    others do not move the collider."""
+    """Directional derivatives of what `Step` knows, for K columns at once: cloth fields [K, V, 3]; collider fields [M, C, 3] of the last M
+    columns, for the others do not move the collider.
+    """
 
     x_n: Array
     v_n: Array
@@ -89,8 +90,9 @@ def _block_product(stencils, values, dx):
 
 
 def sparse_times(H: csc_matrix, dx: Array) -> Array:
-    """Product of a matrix [3A, 3B] with columns dx [P, B, 3] -> [P, A, 3]; of few vertices in contact few rows and columns have entries, and only
-    those are multiplied."""
+    """Product of a matrix [3A, 3B] with columns dx [P, B, 3] -> [P, A, 3]; of few vertices in contact few rows and columns have entries,
+    and only those are multiplied.
+    """
     rows, columns = np.unique(H.indices), np.flatnonzero(np.diff(H.indptr))
     out = np.zeros((len(dx), H.shape[0] // 3, 3))
     if len(dx) and len(rows):

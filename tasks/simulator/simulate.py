@@ -75,10 +75,10 @@ def simulate(
 
     Frame 0 is the start: x0 [V, 3] (default: at rest shape) and v0 [V, 3] (default: at rest). Between frames both motions are linear.
     potentials: further terms beside the base model. tangents: names of parameters of any term; start_modes: name -> (∂x0, ∂v0) [V, 3];
-    motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]). collider_rest [C, 3] (default: its first frame) gives the
-    collider's areas of contact, which the derivatives hold fixed. on_standing hears, before each frame is yielded, where the simulation stands; with
-    resume and all else as before only the frames after it are yielded, the same ones bit by bit.
-    Raises BadInput when arrays do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
+    motion_modes: name -> (∂collider_motion [T, C, 3], ∂boundary_motion [T, B, 3]). collider_rest [C, 3] (default: its first frame) gives
+    the collider's areas of contact, which the derivatives hold fixed. on_standing hears, before each frame is yielded, where the simulation
+    stands; with resume and all else as before only the frames after it are yielded, the same ones bit by bit. Raises BadInput when arrays
+    do not fit one another; whatever goes wrong in a step ends the frames with a reason instead.
     """
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
     v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
@@ -223,7 +223,9 @@ class _Walk:
         return solution
 
     def _look_ahead(self, step: Step) -> None:
-        """Ask for contacts where the cloth goes if it keeps its velocity. What earlier steps found is dropped, so that a resumed run sums in the same order."""
+        """Ask for contacts where the cloth goes if it keeps its velocity. What earlier steps found is dropped, so that a resumed run sums
+        in the same order.
+        """
         surface = self.problem.surface
         surface.forget()
         surface.prepare(surface.join(step.x_n, step.collider_n), surface.join(step.x_n + step.h * step.v_n, step.collider))

@@ -1,8 +1,8 @@
 """Where a simulation stands after a frame: all that decides how it goes on, to the last bit.
 
-A step follows from the last two states and the length of the last step (the rule), from the memories of terms that have one, and from the columns of the
-tangents. The pattern of the linear system decides the order of elimination and so the last bits: it is kept as well. Everything else is made anew in
-every step. `simulate(..., resume=standing)` yields the frames that come after.
+A step follows from the last two states and the length of the last step (the rule), from the memories of terms that have one, and from the
+columns of the tangents. The pattern of the linear system decides the order of elimination and so the last bits: it is kept as well.
+Everything else is made anew in every step. `simulate(..., resume=standing)` yields the frames that come after.
 """
 
 from collections.abc import Mapping

@@ -8,16 +8,16 @@ the offset):
     pins          a prescribed cloth node, or a point of an edge between
                   two of them, at signed distance σ < c                     c − σ
 
-p is the distance to the nearest skin that looks elsewhere, m that skin's normal and n the vertex's own: both parts are drawn in to where they
-are equally far from either, half of p each where they face one another. g is the distance along a vertex's normal, and the one along u between
-two edges, for faces bent against one another are nearest there: in a gap of 2c with edges at c, two layers of cloth cannot lie a barrier distance
-apart. σ of a covered pin is that to the skin behind which it lies; inside by the generalised winding number (Jacobson et al. 2013).
-What was covered is examined again once drawn in, for creases and curved skin are left short by one pass; gaps are asked for twice, at the end: where
-the bound holds one end of an edge the other makes up for it, but a crease is narrow however deep it is drawn in.
+p is the distance to the nearest skin that looks elsewhere, m that skin's normal and n the vertex's own: both parts are drawn in to where
+they are equally far from either, half of p each where they face one another. g is the distance along a vertex's normal, and the one along u
+between two edges, for faces bent against one another are nearest there: in a gap of 2c with edges at c, two layers of cloth cannot lie a
+barrier distance apart. σ of a covered pin is that to the skin behind which it lies; inside by the generalised winding number (Jacobson et
+al. 2013). What was covered is examined again once drawn in, for creases and curved skin are left short by one pass; gaps are asked for
+twice, at the end: where the bound holds one end of an edge the other makes up for it, but a crease is narrow however deep it is drawn in.
 
-Penetration and gaps are given way to by at most ½ max p + c, pins by at most c − min σ. So a limb that another part has swallowed whole stays
-there, and cloth around it is blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no deeper than
-0.1 m; skin without thickness.
+Penetration and gaps are given way to by at most ½ max p + c, pins by at most c − min σ. So a limb that another part has swallowed whole
+stays there, and cloth around it is blocked. Only skin within 12 cm of the cloth gives way: mouths and fingers do not matter. Limits: no
+deeper than 0.1 m; skin without thickness.
 """
 
 from dataclasses import dataclass

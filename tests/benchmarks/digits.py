@@ -1,7 +1,8 @@
 """The digits that C-IPC's recordings lost: positions were written with seven significant decimal digits, then stored as float32.
 
-Where C-IPC leaves a saddle, that noise (5e-8 m where |x| > 0.1 m) decides how far it gets. Our step along its path gives the lost digits back, wherever it
-rounds to the record; a collider that is rigid gets them from its rigid motion. Nothing is chosen: a number that the record contradicts is not taken.
+Where C-IPC leaves a saddle, that noise (5e-8 m where |x| > 0.1 m) decides how far it gets. Our step along its path gives the lost digits
+back, wherever it rounds to the record; a collider that is rigid gets them from its rigid motion. Nothing is chosen: a number that the
+record contradicts is not taken.
 """
 
 from itertools import pairwise

@@ -2,10 +2,12 @@
 
     r_k(κ) = M⁻¹ ∂P_k/∂x(x_{k+1}; κ),      minimise Σ_k n_k log ‖r_k(κ)‖²
 
-over the steps k of backward Euler from recorded frames k−1, k, each with a scale of its own that is not known: r [m/s²] is the acceleration that the model
-leaves over, linear in κ, on free nodes. Where the recording is another simulator's, exact but for the tolerance at which its steps stopped, this is where its
-errors are: in the balance of forces, not in places, which a step that ends on its way out of a saddle may miss by a millimetre. It is of no use for tracked cloth:
-a millimetre of noise at 25 frames per second is an acceleration of 1 m/s², and of a hundred in what the membrane answers.
+over the steps k of backward Euler from recorded frames k−1, k, each with a scale of its own that is not known: r [m/s²] is the acceleration
+that the model leaves over, linear in κ, on free nodes. Where the recording is another simulator's, exact but for the tolerance at which its
+steps stopped, this is where its
+errors are: in the balance of forces, not in places, which a step that ends on its way out of a saddle may miss by a millimetre. It is of no
+use for tracked cloth: a millimetre of noise at 25 frames per second is an acceleration of 1 m/s², and of a hundred in what the membrane
+answers.
 
 Source: equation error against output error, Ljung 1999 (System Identification), § 7.2.
 """
@@ -48,7 +50,8 @@ def balances(cloth: Cloth, fabric: Fabric, collider: Collider, x: Array, c: Arra
 
 
 def fitted(fabric: Fabric, steps: Sequence[Balance]) -> Fabric:
-    """The fabric of least Σ n log ‖r‖², by least squares weighted anew until it stands still. `steps` are linearised at `fabric`, about which r is linear in κ.
+    """The fabric of least Σ n log ‖r‖², by least squares weighted anew until it stands still. `steps` are linearised at `fabric`, about
+    which r is linear in κ.
 
     Raises RuntimeError when it does not stand still.
     """

@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.estimation     QUICK=1: a tenth     JSON=1: JSON on stdout     ONLY=word: parts whose name contains it
 
-Every case is kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) and not computed again while the code that it depends on stays the same:
-Algorithm 1 and the twins' truth do not depend on the fit. A run that is stopped goes on where it was.
+Every case is kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) and not computed again while the code that it depends on stays the
+same: Algorithm 1 and the twins' truth do not depend on the fit. A run that is stopped goes on where it was.
 """
 
 import os
@@ -131,9 +131,11 @@ def quick_race(seed: int) -> dict[str, Any]:
 
 @contextmanager
 def watched(scene: Scene) -> Iterator[tuple[Scene, list[tuple[int, float, float]]]]:
-    """The scene, and (steps so far, processor seconds so far, mean squared distance [m²]) after every replay of a fit, rejected proposals included.
+    """The scene, and (steps so far, processor seconds so far, mean squared distance [m²]) after every replay of a fit, rejected proposals
+    included.
 
-    The steps are those that the simulator took, of replays of a part and of retries too; the distance is infinite where not all was replayed.
+    The steps are those that the simulator took, of replays of a part and of retries too; the distance is infinite where not all was
+    replayed.
     """
     seen: list[tuple[int, float, float]] = []
     steps, clock = 0, time.process_time()
@@ -182,8 +184,9 @@ def density_as_released() -> dict[str, Any]:
 
 
 def cipc() -> Iterator[Row]:
-    """C-IPC's frames as observation, its known ratios found from a start at twice and three times them: by places, one step from each frame, and beside
-    that by the balance of forces at the frames (equation_error.py), which tells whether the recording holds them at all."""
+    """C-IPC's frames as observation, its known ratios found from a start at twice and three times them: by places, one step from each
+    frame, and beside that by the balance of forces at the frames (equation_error.py), which tells whether the recording holds them at all.
+    """
     for name in ("sphere_1600",) if QUICK else ("skirt_base", "sphere_1600"):
         found = kept(f"cipc-{name}", steps_of_cipc, name, science="tasks.cloth.gauss_newton")
         for key, ratio in (("kappa_s/rho", found["membrane"]), ("kappa_b/rho", found["bending"])):

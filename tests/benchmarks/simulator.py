@@ -2,12 +2,13 @@
 
     python -m tests.benchmarks.simulator        QUICK=1: a tenth        JSON=1: JSON on stdout        ONLY=word: rows whose name contains it
 
-C-IPC's figures are stored (reference data, one thread, CPU seconds); ours are measured in this run, one thread, CPU seconds. Agreement is asked in
-several ways, because C-IPC stops at Newton steps of 1 mm/s, often on its way out of a saddle, where a step ends depends on the path: along C-IPC's path
-(cipc_newton.py) at every k, from x_k as recorded and from x_k with the digits restored that the recording lost (digits.py: a walk from rest, each state ours
-where it rounds to the record, otherwise the record); from x_k to the end with our own solver, and from its own x_{k+1} (is that a solution of *our*
-equations?), at every ninth k, for these two say less and cost twice as much. The target, 95 % of all k within 0.2 mm, is about steps as recorded.
-Steps and stress runs are kept below PHYSAVATAR_CACHE (default ~/.cache/physavatar) while the simulator stays the same, so a run goes on where it was.
+C-IPC's figures are stored (reference data, one thread, CPU seconds); ours are measured in this run, one thread, CPU seconds. Agreement is
+asked in several ways, because C-IPC stops at Newton steps of 1 mm/s, often on its way out of a saddle, where a step ends depends on the
+path: along C-IPC's path (cipc_newton.py) at every k, from x_k as recorded and from x_k with the digits restored that the recording lost
+(digits.py: a walk from rest, each state ours where it rounds to the record, otherwise the record); from x_k to the end with our own solver,
+and from its own x_{k+1} (is that a solution of *our* equations?), at every ninth k, for these two say less and cost twice as much. The
+target, 95 % of all k within 0.2 mm, is about steps as recorded. Steps and stress runs are kept below PHYSAVATAR_CACHE (default
+~/.cache/physavatar) while the simulator stays the same, so a run goes on where it was.
 """
 
 import json

@@ -5,10 +5,10 @@
 Every run is driven by its own two sensors, three simulations per pair of places; with QUICK=1 one simulation driven by the mean swing of
 repeats 1–3, on the coarse mesh of the fit, serves all places, because the arm swings alike in all runs.
 
-Errors are rms over time on repeats 4 and 5, in the frame of the arm, millimetres in 3-D, beside the fabric painted on the arm at its mean of
-repeats 1–3 and the mean trajectory of repeats 1–3. "motion" has the constant offset of each place removed that the simulation shows on repeats
-1–3, as the painted baseline has; "raw" has not. Nothing is fitted here: fabric, friction and clamps are guesses. A page with pictures is
-written below the cache folder.
+Errors are rms over time on repeats 4 and 5, in the frame of the arm, millimetres in 3-D, beside the fabric painted on the arm at its mean
+of repeats 1–3 and the mean trajectory of repeats 1–3. "motion" has the constant offset of each place removed that the simulation shows on
+repeats 1–3, as the painted baseline has; "raw" has not. Nothing is fitted here: fabric, friction and clamps are guesses. A page with
+pictures is written below the cache folder.
 """
 
 import json

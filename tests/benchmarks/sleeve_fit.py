@@ -2,8 +2,9 @@
 
     python -m tests.benchmarks.sleeve_fit          ITERATIONS=8          JSON=1: JSON on stdout
 
-Millimetres in 3-D beside the fabric painted on the arm and the mean trajectory of repeats 1–3, both recomputed: as they are, and without the constant offset of
-each place on repeats 1–3, which those two are without. One iteration takes a simulation per parameter and three more.
+Millimetres in 3-D beside the fabric painted on the arm and the mean trajectory of repeats 1–3, both recomputed: as they are, and without
+the constant offset of each place on repeats 1–3, which those two are without. One iteration takes a simulation per parameter and three
+more.
 """
 
 import json

@@ -1,4 +1,6 @@
-"""A panel that swings in air: with the drag in the model its strength is found and another motion is foretold better; without it the fabric takes the blame."""
+"""A panel that swings in air: with the drag in the model its strength is found and another motion is foretold better; without it the fabric
+takes the blame.
+"""
 
 from dataclasses import replace
 

@@ -1,6 +1,7 @@
 """Twins: a short skirt on a swaying trunk, made on a finer mesh with half the time step, observed on a coarser one with 1 mm of noise.
 
-The coarser mesh is that of a tracker: its vertices are points of the smooth surface through those of the finer one, in the pattern as in every frame.
+The coarser mesh is that of a tracker: its vertices are points of the smooth surface through those of the finer one, in the pattern as in
+every frame.
 """
 
 from dataclasses import dataclass, replace
@@ -126,8 +127,8 @@ def twin(
 def resampled(x, fine, coarse):
     """The smooth surface through the fine cone's vertices [T, V, 3] at the vertices of the coarse one, by ring and angle: cubic splines.
 
-    Points of its flat triangles would lie inside by up to |edge|² curvature/8, others in every ring: wrinkles as short as the mesh, for which
-    nothing but bending could answer.
+    Points of its flat triangles would lie inside by up to |edge|² curvature/8, others in every ring: wrinkles as short as the mesh, for
+    which nothing but bending could answer.
     """
     (R, A), (r, a) = fine, coarse
     g = x.reshape(len(x), R, A, 3)

@@ -1,4 +1,6 @@
-"""Whatever is wrong with files of tracked geometry, `gap run` and `cloth fit` end with 2 before any work and tell everything at once: file, value, remedy."""
+"""Whatever is wrong with files of tracked geometry, `gap run` and `cloth fit` end with 2 before any work and tell everything at once: file,
+value, remedy.
+"""
 
 import numpy as np
 import pytest

@@ -24,8 +24,10 @@ FLOOR, BASE = 1.0, 10.0  # mm
 
 @pytest.fixture
 def put(monkeypatch):
-    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the windows, `pair`: a second
-    effect and its evidence, before and with them, and `whole`: how replays compare there -> what is confirmed, and the trials."""
+    """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the
+    windows, `pair`: a second effect and its evidence, before and with them, and `whole`: how replays compare there -> what is confirmed,
+    and the trials.
+    """
 
     def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, again=None, whole=None):
         t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, weigh.get(name, -4.0)))

@@ -103,7 +103,9 @@ def test_only_what_came_nearer_over_whole_recordings_predicts_others():
 def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_was_simulated(
     monkeypatch, windows, sd, together, come, kept
 ):
-    """Simulated at 0.3, replays then 4 mm² off; windows ask for 0.3 to 0.9 ± sd, they and replays together for something else, of which further replays `come`."""
+    """Simulated at 0.3, replays then 4 mm² off; windows ask for 0.3 to 0.9 ± sd, they and replays together for something else, of which
+    further replays `come`.
+    """
     h = ranked({"contact_friction": 0.3})[0]
     asking = replace(h, strengths=dict.fromkeys(h.strengths, windows), covariance=np.array([[sd**2]]), base=np.zeros(2))
     model = SimpleNamespace(strength=lambda e: np.array([0.3]))

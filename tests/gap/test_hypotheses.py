@@ -230,8 +230,9 @@ def test_normal_equations_about_a_strength_say_the_same():
 @pytest.mark.parametrize("told", ["c", "logdet"])
 @pytest.mark.parametrize(("left", "least", "most"), [(0.0, 0.8, 1.2), (2.0, 0.0, 0.1)])
 def test_what_another_simulation_leaves_of_a_window_that_nobody_explains_hardly_counts(left, least, most, told):
-    """The simulation with an effect leaves more of one window than derivatives foretold, or wants more forcing let in for it: evidence against it only where
-    windows are explained."""
+    """The simulation with an effect leaves more of one window than derivatives foretold, or wants more forcing let in for it: evidence
+    against it only where windows are explained.
+    """
     drag = EFFECTS[0]
     w = windows(np.random.default_rng(11), truth={drag.name: 6.0})
     w.given[0] = replace(w.given[0], c=w.given[0].c * (1 + left))
@@ -341,7 +342,9 @@ def test_nothing_is_excluded_with_absurd_certainty():
 
 
 def test_replays_of_its_own_count_for_or_against_what_was_simulated():
-    """Two effects of equal evidence: what comes no nearer over whole recordings falls behind, what does leads; twins' own factor counts instead of `missing`."""
+    """Two effects of equal evidence: what comes no nearer over whole recordings falls behind, what does leads; twins' own factor counts
+    instead of `missing`.
+    """
     w = windows(np.random.default_rng(7), truth={"air_normal_drag": 8.0}, alike=[("air_normal_drag", "fabric_mass_damping")])
     singles = {h.name: h for h in (w.fit([e]) for e in EFFECTS)}
     names = ("air_normal_drag", "fabric_mass_damping")

@@ -54,7 +54,9 @@ def test_between_them_it_is_the_least_squares_of_both():
 
 
 def test_the_first_step_lessens_what_they_disagree_by():
-    """Where replays are quadratic the joint estimate is the least of Q with E₁ in its denominator: from E₁ it goes down, and its slope there is the same."""
+    """Where replays are quadratic the joint estimate is the least of Q with E₁ in its denominator: from E₁ it goes down, and its slope
+    there is the same.
+    """
     h, n = replace(fitted(0.1), base=np.zeros(2), strengths=dict.fromkeys(TILT.columns, 0.0)), told()
     E = lambda θ: n.c - 2 * n.g @ θ + θ @ n.G @ θ  # noqa: E731
     Q = lambda θ: disagreement(replace(h, base=θ[:2], strengths=dict(zip(TILT.columns, θ[2:]))), h, E(θ))  # noqa: E731

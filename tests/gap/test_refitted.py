@@ -19,7 +19,9 @@ COUNT, TRUE = 8, 0.3
 
 @pytest.fixture
 def simulated(monkeypatch):
-    """`refitted` where `lost(θ)` of the windows, the first ones, cannot be followed at friction θ; with the strengths that were simulated, and the base's windows."""
+    """`refitted` where `lost(θ)` of the windows, the first ones, cannot be followed at friction θ; with the strengths that were simulated,
+    and the base's windows.
+    """
     taught = windows(np.random.default_rng(0), truth={"contact_friction": TRUE}, count=COUNT)
     monkeypatch.setattr(refits, "compressed", lambda evidence, *_: [e.normals for e in evidence])
     monkeypatch.setattr(refits, "with_fabric", lambda model, fabric: model)

@@ -16,7 +16,9 @@ TAUGHT, KEPT = 6, 3
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Weighed by windows that teach, which hold the cause, then by windows kept out that hold it at `there` times its strength; `lost` of these cannot be followed."""
+    """Weighed by windows that teach, which hold the cause, then by windows kept out that hold it at `there` times its strength; `lost` of
+    these cannot be followed.
+    """
     monkeypatch.setattr(refits, "compressed", lambda evidence, *_: [e.normals for e in evidence])
 
     def run(there, lost=0):

@@ -1,7 +1,8 @@
-"""Recordings by a simulator that nobody here wrote: what does `skirt_drag` have that `skirt_base` has not, and `skirt_friction_04` that `skirt_friction_0` has not?
+"""Recordings by a simulator that nobody here wrote: what does `skirt_drag` have that `skirt_base` has not, and `skirt_friction_04` that
+`skirt_friction_0` has not?
 
-The base model is that of the recording without the effect (its parameters are known): C-IPC's integrator, material and contact rule. The diagnosis sees
-seven windows of ten; the others are kept out.
+The base model is that of the recording without the effect (its parameters are known): C-IPC's integrator, material and contact rule. The
+diagnosis sees seven windows of ten; the others are kept out.
 
     python -m tests.real.cipc_gap [skirt_drag | skirt_friction_04 | skirt_base]
 """

@@ -1,8 +1,10 @@
-"""Knitted strips pulled between clamps (Singal et al., Nature Communications 2024): the recorded forces, and the clamped strip as simulated cloth.
+"""Knitted strips pulled between clamps (Singal et al., Nature Communications 2024): the recorded forces, and the clamped strip as simulated
+cloth.
 
-q = force over width [N/m] against e = d/d₀ − 1, with d₀ the median of the first three rows of a repeat. Repeats 1–3 train, 4 and 5 test. X is pulled
-along the courses (weft, u), Y along the wales (warp, v). The strip is W wide and d₀ long, its two ends held at full width: what the ratio of length
-to width does is simulated, not read off. Quasi-static: steps of a second, no gravity, so that inertia is no more than a regulariser.
+q = force over width [N/m] against e = d/d₀ − 1, with d₀ the median of the first three rows of a repeat. Repeats 1–3 train, 4 and 5 test. X
+is pulled along the courses (weft, u), Y along the wales (warp, v). The strip is W wide and d₀ long, its two ends held at full width: what
+the ratio of length to width does is simulated, not read off. Quasi-static: steps of a second, no gravity, so that inertia is no more than a
+regulariser.
 """
 
 import os

@@ -1,14 +1,16 @@
-"""The recorded sleeve fitted: fabric, friction, what its geometry leaves open, and strengths of effects, as parameters with priors, by Gauss–Newton.
+"""The recorded sleeve fitted: fabric, friction, what its geometry leaves open, and strengths of effects, as parameters with priors, by
+Gauss–Newton.
 
-One simulation serves all places: the arm swings alike in all runs, so it is driven by the mean of repeats 1–3, and compared with the mean trajectory of each place in
-the frame of the arm. The start of `clamps_across` is the mean offset of all places on repeats 1–3. The geometry is known to a centimetre, and a sensor sits on the
-cloth: each place may be off by a constant δ ~ N(0, s_δ²) in each direction, which is integrated out. With r = ȳ − y(θ), its mean r̄ over time and N independent
-instants per swing,
+One simulation serves all places: the arm swings alike in all runs, so it is driven by the mean of repeats 1–3, and compared with the mean
+trajectory of each place in the frame of the arm. The start of `clamps_across` is the mean offset of all places on repeats 1–3. The geometry
+is known to a centimetre, and a sensor sits on the
+cloth: each place may be off by a constant δ ~ N(0, s_δ²) in each direction, which is integrated out. With r = ȳ − y(θ), its mean r̄ over
+time and N independent instants per swing,
 
     minimise  Σ_places N/T Σ_t ‖r − r̄‖²/σ²  +  ‖r̄‖²/(σ²/N + s_δ²)  +  Σ (θ − θ₀)²/s²        σ the spread of repeats
 
-Derivatives are differences over a third of a prior's deviation: tangents follow one history of contact, and after four seconds have grown with every fold that could
-fall either way. For the same reason a difference that lowers the sum more than the step does is taken instead.
+Derivatives are differences over a third of a prior's deviation: tangents follow one history of contact, and after four seconds have grown
+with every fold that could fall either way. For the same reason a difference that lowers the sum more than the step does is taken instead.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -207,7 +209,8 @@ def _zones(garment: Sleeve) -> Array:
 def _driven(garment: Sleeve, path: Run, θ: Values) -> tuple[Motion, Collider]:
     """Motion of the arm and of the clamped nodes, upright, and the arm's faces.
 
-    The clamps press both layers onto the arm at the columns of places 1 and 3: while the arm hangs they close from the round tube of the start.
+    The clamps press both layers onto the arm at the columns of places 1 and 3: while the arm hangs they close from the round tube of the
+    start.
     """
     here = garment.x_arm[garment.cloth.boundary]
     seam, front = here[:, 1] < 0, np.where(here[:, 2] >= 0, 1.0, -1.0)

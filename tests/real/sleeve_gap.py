@@ -2,10 +2,11 @@
 
     python -m tests.real.sleeve_gap          JSON=1: JSON on stdout
 
-The diagnosis of `tasks/gap` needs a tracked surface; here 14 places are known, two at a time. So whole swings stand for its windows: about the base fitted on
-repeats 1–3 and 11 places (`sleeve_fit.py`), every suspect is simulated at its typical strength; what is left of its signature once all base parameters took their share
-foretells a gain, and the leaders are fitted together with all base parameters. What a fold that falls otherwise does to the misfit is seen from the base simulated
-again with parameters a hundredth of their deviation off: what gains less is not told from chance. Nothing of that sees repeats 4 and 5, or places 5, 9 and 13.
+The diagnosis of `tasks/gap` needs a tracked surface; here 14 places are known, two at a time. So whole swings stand for its windows: about
+the base fitted on repeats 1–3 and 11 places (`sleeve_fit.py`), every suspect is simulated at its typical strength; what is left of its
+signature once all base parameters took their share foretells a gain, and the leaders are fitted together with all base parameters. What a
+fold that falls otherwise does to the misfit is seen from the base simulated again with parameters a hundredth of their deviation off: what
+gains less is not told from chance. Nothing of that sees repeats 4 and 5, or places 5, 9 and 13.
 
     gain = (ũᵀr̃)²/ũᵀũ,    ũ = (1 − PPᵀ) ∂r/∂θ,  P an orthonormal basis of the base's columns
     closed = (before² − after²)/(before² − floor²),    floor: the mean trajectory of repeats 1–3

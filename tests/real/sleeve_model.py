@@ -1,7 +1,8 @@
-"""The recorded sleeve as a model: its measured pattern sewn into a tube, two clamps, and the arm as a tapered plate posed from its two sensors.
+"""The recorded sleeve as a model: its measured pattern sewn into a tube, two clamps, and the arm as a tapered plate posed from its two
+sensors.
 
-Pattern, centimetres, transcribed in the data's README 1.5: per row of places the distances raw edge – left – middle – right – fold, and along
-the columns the distances between rows. One layer of the tube; the seam runs 1.5 cm inside the raw edge. Lengths below in metres.
+Pattern, centimetres, transcribed in the data's README 1.5: per row of places the distances raw edge – left – middle – right – fold, and
+along the columns the distances between rows. One layer of the tube; the seam runs 1.5 cm inside the raw edge. Lengths below in metres.
 """
 
 from dataclasses import dataclass
@@ -28,8 +29,9 @@ JERSEY = Fabric.from_si(areal_density=0.23, stretch=120.0, bending_rigidity=8e-6
 
 @dataclass(frozen=True)
 class Sleeve:
-    """cloth (clamped nodes are its boundary); x_arm [V, 3] m: start in the frame of the straight arm (along, across, out; origin the pivot);
-    places {number: (nodes [4], weights [4])}."""
+    """cloth (clamped nodes are its boundary); x_arm [V, 3] m: start in the frame of the straight arm (along, across, out; origin the
+    pivot); places {number: (nodes [4], weights [4])}.
+    """
 
     cloth: Cloth
     x_arm: np.ndarray

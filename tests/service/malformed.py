@@ -1,8 +1,8 @@
 """Damaged and hostile files for every reader, each read in a child process with a limit on time and memory.
 
 An ending is `refused` (BadInput or a fault of the store, that names something), `read` (the damage was harmless), or one that must not be:
-another `exception`, a `crash`, a `hang`, or code that ran (`executed`). An artifact, whose every byte is promised, is `read` only if it still
-is what it was.
+another `exception`, a `crash`, a `hang`, or code that ran (`executed`). An artifact, whose every byte is promised, is `read` only if it
+still is what it was.
 """
 
 import json

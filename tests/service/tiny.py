@@ -1,8 +1,8 @@
 """A line of two small stages on two pools, deployed as the avatar's line is: what the service does, at a hundredth of the cost.
 
 `capture` reads a text file below the recording; `cloth` sleeps for as long as the text says, in a child process, as a solver would.
-Words in the text make trouble: "crash" kills the flow's process at every attempt, "refuse" is bad input. "parts:6" has `cloth` sleep as often, and
-say in `parts` how many processes shared that.
+Words in the text make trouble: "crash" kills the flow's process at every attempt, "refuse" is bad input. "parts:6" has `cloth` sleep as
+often, and say in `parts` how many processes shared that.
 """
 
 import os

@@ -1,7 +1,7 @@
 """The air that was added to C-IPC for the recording `skirt_drag`: per face ½ ρ_a A (C_n |v_n| P + C_t |v_t| (I − P)) v, P = n nᵀ.
 
-Its speeds |v_n|, |v_t| and its normals are those of the step before, so that its force is linear in the velocity; the effects of the library take
-the speeds of the step itself. Good for one step: the lagged velocities are given.
+Its speeds |v_n|, |v_t| and its normals are those of the step before, so that its force is linear in the velocity; the effects of the
+library take the speeds of the step itself. Good for one step: the lagged velocities are given.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
 """Stress runs: a seeded figure in one of four garments, moved as cloth dislikes.
 
-The figure is the smooth union of capsules about bones, meshed by a surface net and posed by linear blending, so that it crosses itself where arms
-are pressed in, knees are bent and legs cross, as parametric bodies do: by less than a limb's radius, for what is swallowed whole leaves cloth
-no place that half of it would open. Top and trousers are parts of the surface 15 mm further out, skirt and cape
-are sheets of rows. Every frame is examined by what the simulator does not use: ipctk's exact test for crossings, and the figure's own penetration.
+The figure is the smooth union of capsules about bones, meshed by a surface net and posed by linear blending, so that it crosses itself
+where arms are pressed in, knees are bent and legs cross, as parametric bodies do: by less than a limb's radius, for what is swallowed whole
+leaves cloth no place that half of it would open. Top and trousers are parts of the surface 15 mm further out, skirt and cape are sheets of
+rows. Every frame is examined by what the simulator does not use: ipctk's exact test for crossings, and the figure's own penetration.
 """
 
 from collections.abc import Callable

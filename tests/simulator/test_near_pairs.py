@@ -13,7 +13,9 @@ REACH = 8e-3
 
 @pytest.fixture(params=[0, 1])
 def moving(request):
-    """Vertices before and after [V, 3], edges, faces and what is prescribed: a rumpled sheet whose first row is held, and a ball under it that moves as well."""
+    """Vertices before and after [V, 3], edges, faces and what is prescribed: a rumpled sheet whose first row is held, and a ball under it
+    that moves as well.
+    """
     rng = np.random.default_rng(request.param)
     x, cloth = sheet(9, 11, length=0.2, width=0.2)
     ball, skin = sphere(1, 0.08)

@@ -1,4 +1,5 @@
-"""Dressing the actor and moving the garments with the simulator and what the base model lacks: in the demo air, which the diagnosis has to find.
+"""Dressing the actor and moving the garments with the simulator and what the base model lacks: in the demo air, which the diagnosis has to
+find.
 
 Top and skirt are simulated apart, each against the part of the body that it can meet; they do not meet each other (the top ends above
 the skirt's waist). Rest shape is the flat pattern: rest lengths from `uv`, rest angles zero. Before the first frame the garment
@@ -43,8 +44,10 @@ MEETS = {"skirt": (0, 1, 2, 3, 4, 5, 6, 20, 21, *range(25, 55)), "top": (0, 3, 6
 
 @dataclass(frozen=True)
 class Fitting:
-    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and what the
-    base model lacks: effect -> strengths in SI units (`tasks/effects`)."""
+    """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and
+    what the
+    base model lacks: effect -> strengths in SI units (`tasks/effects`).
+    """
 
     garment: Garment
     fabric: Fabric

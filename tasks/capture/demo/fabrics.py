@@ -1,10 +1,9 @@
 """The cloth of the demo's garments, drawn from ranges measured on real fabrics.
 
-Areal density 0.035-0.07 kg/m², stretch stiffness E·t 44-175 N/m, bending length (B/ρ̄g)^⅓ 46-58 mm (B 0.3e-4 to 1.3e-4 N·m): orders of magnitude
-of organza, light and stiff, so that the air they move in shows within a second. Softer cloth folds over less than 1.3 edges of the
-template (33 mm): a mesh of that size cannot show its bending (`tasks/cloth/estimates.py` says so then), and differs from the finer one by more than what
-it is to find.
-Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
+Areal density 0.035-0.07 kg/m², stretch stiffness E·t 44-175 N/m, bending length (B/ρ̄g)^⅓ 46-58 mm (B 0.3e-4 to 1.3e-4 N·m): orders of
+magnitude of organza, light and stiff, so that the air they move in shows within a second. Softer cloth folds over less than 1.3 edges of
+the template (33 mm): a mesh of that size cannot show its bending (`tasks/cloth/estimates.py` says so then), and differs from the finer one
+by more than what it is to find. Both garments are cut from cloth of one weight, so that one weighing gives the density of either.
 """
 
 import numpy as np

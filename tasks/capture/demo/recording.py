@@ -57,8 +57,8 @@ def make_demo_recording(
     workers: int = 2,
     on_progress: Progress | None = None,
 ) -> Path:
-    """Make (or go on with) a recording; the folder of the sequence. `cache` holds the body once it is built; unmodelled: what moves the garments
-    beside the base model, air where nothing is given.
+    """Make (or go on with) a recording; the folder of the sequence. `cache` holds the body once it is built; unmodelled: what moves the
+    garments beside the base model, air where nothing is given.
 
     on_progress(what, done, total) is called now and then. Raises BadInput if the folder holds a recording of another request,
     RuntimeError where a garment's simulation does not converge.

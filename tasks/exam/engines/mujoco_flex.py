@@ -9,13 +9,13 @@ JOB (V vertices, B of them driven, K capsules on bones, N ticks of `tick` s, arr
     friction, gravity [3] m/s², damping 1/s, settling s, every (ticks per frame), tick s
     normal_drag, tangential_drag C_d [1], linear_drag N s/m³, wind [3] m/s, wind_drag C_d [1], gusts m/s, pressure Pa
 
-OUT: x [T, V, 3] m at every frame; step s; sunk m, the deepest that a body was entered; with BESIDE also change [V] m/s², the root mean square
-over frames of the difference of accelerations between the laws of JOB and of BESIDE at the same places and speeds.
+OUT: x [T, V, 3] m at every frame; step s; sunk m, the deepest that a body was entered; with BESIDE also change [V] m/s², the root mean
+square over frames of the difference of accelerations between the laws of JOB and of BESIDE at the same places and speeds.
 
-The cloth is MuJoCo's: Saint Venant-Kirchhoff membrane and hinges on linear triangles, soft contacts of its convex solver with elliptic friction
-cones, symplectic Euler in steps far below the cloth's fastest period (no numerical damping, no implicit solve). MuJoCo has no air for a flex:
-forces of the air act on vertices, from here. It allows no flex on bodies that are moved by hand, so driven vertices and bones are heavy
-bodies whose place and speed are set before every step.
+The cloth is MuJoCo's: Saint Venant-Kirchhoff membrane and hinges on linear triangles, soft contacts of its convex solver with elliptic
+friction cones, symplectic Euler in steps far below the cloth's fastest period (no numerical damping, no implicit solve). MuJoCo has no air
+for a flex: forces of the air act on vertices, from here. It allows no flex on bodies that are moved by hand, so driven vertices and bones
+are heavy bodies whose place and speed are set before every step.
 """
 
 import sys

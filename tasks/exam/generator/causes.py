@@ -59,9 +59,9 @@ class Conditions:
 class Cause:
     """A strength in `unit`: a guess to begin with and the largest that is plausible, which the diagnosis may fit; `apply(conditions, θ)`.
 
-    symmetric: the sign is drawn. moves: whether the cloth moves differently (otherwise only its recording does). local: where it acts is part of the
-    question. touches: it acts where the body is. needs: kinds of garment that can show it. order: displacement grows with θ to this power. along: symbol of
-    the strength that θ is, where the effect has several; None where θ is the size of them all.
+    symmetric: the sign is drawn. moves: whether the cloth moves differently (otherwise only its recording does). local: where it acts is
+    part of the question. touches: it acts where the body is. needs: kinds of garment that can show it. order: displacement grows with θ to
+    this power. along: symbol of the strength that θ is, where the effect has several; None where θ is the size of them all.
     """
 
     name: str

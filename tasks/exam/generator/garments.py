@@ -51,12 +51,14 @@ class Garment:
         return np.einsum("ckd,ck->cd", field[self.corners], self.weights)
 
     def tracked(self, x: Array) -> Array:
-        """Positions [C, 3] of the coarse vertices on the smooth surface through the fine ones, x [V, 3]: with p = Σ bᵢ xᵢ in the flat triangle,
+        """Positions [C, 3] of the coarse vertices on the smooth surface through the fine ones, x [V, 3]: with p = Σ bᵢ xᵢ in the flat
+        triangle,
 
             y = p − ½ Σ bᵢ nᵢ (nᵢ·(p − xᵢ))
 
-        Where the surface is quadratic flat triangles lie as far inside as tangent planes lie outside, so that their mean is exact. Without it every
-        vertex would lie inside by up to |edge|² curvature/8, each by another share: wrinkles that no cloth has, for which only bending could answer.
+        Where the surface is quadratic flat triangles lie as far inside as tangent planes lie outside, so that their mean is exact. Without
+        it every vertex would lie inside by up to |edge|² curvature/8, each by another share: wrinkles that no cloth has, for which only
+        bending could answer.
         """
         n = vertex_normals(x, self.fine.faces)[self.corners]
         p = self.resampled(x)

@@ -19,8 +19,8 @@ NEARLY = 0.8  # share of the magnitude asked that a draw must reach to be taken 
 
 
 def make(question: Question, once: Once | None = None, *, attempts: int = 8) -> Made:
-    """Make the case. A scene that cannot be simulated, or shows its causes by less than was asked at any plausible strength, is drawn again; where none shows
-    them so, the one that shows them best is taken. Raises Unmakeable where none shows them at all.
+    """Make the case. A scene that cannot be simulated, or shows its causes by less than was asked at any plausible strength, is drawn
+    again; where none shows them so, the one that shows them best is taken. Raises Unmakeable where none shows them at all.
 
     once: makes it from one draw; that of the generator's own engine where none is given.
     """

@@ -1,7 +1,7 @@
 """Making a case with somebody else's engine: garments, bodies, motions and questions are the generator's, the motion of the cloth is not.
 
-The engine gets numbers only (`engines/mujoco_flex.py` says which) and makes the effects in its own way; here they are named, and given the unit
-and the sign of the public names. What an engine cannot make is not asked of it.
+The engine gets numbers only (`engines/mujoco_flex.py` says which) and makes the effects in its own way; here they are named, and given the
+unit and the sign of the public names. What an engine cannot make is not asked of it.
 """
 
 from collections.abc import Callable, Mapping
@@ -83,8 +83,9 @@ NAMES_AND_OUTSIDE = NAMES, OUTSIDE
 
 
 def make_with(engine: Engine, q: Question, rng: np.random.Generator, share: float) -> Made:
-    """The case from one draw; share: of the magnitude asked that its cause must reach. Raises ArithmeticError where the engine loses the cloth, Unmakeable
-    where it cannot show its cause."""
+    """The case from one draw; share: of the magnitude asked that its cause must reach. Raises ArithmeticError where the engine loses the
+    cloth, Unmakeable where it cannot show its cause.
+    """
     subject = drawn_subject(q, rng)
     subject = replace(subject, tracker=Tracker(SIGMA, subject.tracker.white, subject.tracker.dropped))
     fine, coarse = subject.garment.fine, subject.garment.coarse

@@ -1,7 +1,7 @@
 """Scenes: a garment on a body that moves. What the body is made of, which motions suit it, and what carries the pinned nodes.
 
-Motions start from rest, last a little over a second, and never come alone: each has a slow drift and turn with it, as nobody moves along one
-axis. They give the poses of the body's bones; bone 0 carries the garment.
+Motions start from rest, last a little over a second, and never come alone: each has a slow drift and turn with it, as nobody moves along
+one axis. They give the poses of the body's bones; bone 0 carries the garment.
 """
 
 from collections.abc import Callable

@@ -101,8 +101,8 @@ class Subject:
 
 
 def drawn_subject(q: Question, rng: np.random.Generator, *, vertices: int | None = None) -> Subject:
-    """A garment of the question's kind with everything else at random; vertices: about how many its coarse mesh has (default: 250 to 290), of the same
-    fabric whatever it is.
+    """A garment of the question's kind with everything else at random; vertices: about how many its coarse mesh has (default: 250 to 290),
+    of the same fabric whatever it is.
 
     Stretch 60–600 N/m, density 0.09–0.25 kg/m², bending such that cloth bends over 1.3 to 1.7 coarse edges (sometimes less).
     """

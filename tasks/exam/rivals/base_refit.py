@@ -1,6 +1,7 @@
 """Base refit only: κ_s and κ_b as the diagnosis fits them, and nothing is ever missing.
 
-What it is: the floor of every figure, the base as the diagnosis has it before whole recordings are replayed. What it is not: a diagnosis; it names nobody.
+What it is: the floor of every figure, the base as the diagnosis has it before whole recordings are replayed. What it is not: a diagnosis;
+it names nobody.
 Source: the parameter estimation of PhysAvatar, by multiple shooting (`cloth/shooting.py`).
 """
 

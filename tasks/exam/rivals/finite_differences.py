@@ -1,10 +1,12 @@
-"""Finite differences and AIC stepwise: whole recordings simulated from their first state, once per parameter, and terms added while AIC falls.
+"""Finite differences and AIC stepwise: whole recordings simulated from their first state, once per parameter, and terms added while AIC
+falls.
 
     S_j = (x(θ + δ_j e_j) − x(θ))/δ_j,      AIC = n log(RSS/n) + 2k,      weight of a model ∝ exp(−½ AIC)
 
 Terms are chosen in the linear model; each model on the way is then simulated, and weighed by the RSS that it has.
-What it is: the textbook way, with the same simulator, base and library. What it is not: no windows (over a second cloth is chaotic, and so are the
-differences), no uncertain start, no numerics, no recording kept out. A parameter whose simulation does not get as far as the base is left out.
+What it is: the textbook way, with the same simulator, base and library. What it is not: no windows (over a second cloth is chaotic, and so
+are the differences), no uncertain start, no numerics, no recording kept out. A parameter whose simulation does not get as far as the base
+is left out.
 
 Source: Akaike 1974; Efroymson 1960 (stepwise regression); weights as in Burnham & Anderson 2002, § 2.9.
 """

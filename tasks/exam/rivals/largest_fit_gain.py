@@ -2,8 +2,8 @@
 
     gain_j = min_κ χ² − min_{κ, θ_j} χ²,      weight of effect j ∝ exp(½ gain_j),      of none ∝ 1
 
-with the windows, start states and tangents of the diagnosis. What it is not: nothing is taken off for numerics, no window is kept out, and every
-coordinate counts as independent. What misses on any recording of another mesh is blamed on the effect that looks most like it.
+with the windows, start states and tangents of the diagnosis. What it is not: nothing is taken off for numerics, no window is kept out, and
+every coordinate counts as independent. What misses on any recording of another mesh is blamed on the effect that looks most like it.
 
 Source: Wilks 1938 (likelihood ratio), white noise taken at its word.
 """

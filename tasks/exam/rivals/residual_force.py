@@ -2,8 +2,8 @@
 
     a_w = argmin Σ_t |r_w(t) − ½ a t²|² per window w and vertex: closes the gap where it was learnt;      ā = mean of a_w: what is carried over
 
-On the blind motion ā acts as the dead force m ā; wrong starts of windows average out. What it is not: a cause; nothing in it can be named, so it
-always answers "outside the library".
+On the blind motion ā acts as the dead force m ā; wrong starts of windows average out. What it is not: a cause; nothing in it can be named,
+so it always answers "outside the library".
 
 Source: simulators with a learnt residual (Golemo et al. 2018; Heiden et al. 2021, NeuralSim), their simplest form.
 """

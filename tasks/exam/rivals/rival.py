@@ -1,7 +1,8 @@
-"""What a rival is: another way to name a cause, from the files that the diagnosis gets, through the same process, marked by the same scorer.
+"""What a rival is: another way to name a cause, from the files that the diagnosis gets, through the same process, marked by the same
+scorer.
 
-A rival is one file whose `RIVAL` is an instance of `Rival`. It replies with a weight for every set of names it considers and with the two models
-whose motion it predicts blind; what a reply becomes as an answer of version 1 is the same for all (`answer.py`).
+A rival is one file whose `RIVAL` is an instance of `Rival`. It replies with a weight for every set of names it considers and with the two
+models whose motion it predicts blind; what a reply becomes as an answer of version 1 is the same for all (`answer.py`).
 """
 
 from collections.abc import Callable, Mapping
@@ -36,7 +37,8 @@ class Case:
 
     @cached_property
     def refitted(self) -> tuple[Gathered, BaseFit]:
-        """Windows of all recordings, and the base model fitted to them by the diagnosis' own steps up to its tangents: several rivals start there, and share it.
+        """Windows of all recordings, and the base model fitted to them by the diagnosis' own steps up to its tangents: several rivals start
+        there, and share it.
 
         Windows are the longest that the diagnosis tries, and none is kept out.
         """

@@ -2,10 +2,10 @@
 
     ÿ − a(y, ẏ) = Σ_j θ_j ∂a/∂θ_j(y, ẏ) + ε,      sequentially thresholded least squares,      weight of a set of names: its share of the bags
 
-y: the recording as a smooth motion of cloth (`cloth/start_state.py`), its derivatives by local polynomials; a and its derivatives from one frame of
-simulation from (y, ẏ). The threshold rises until no more effects are left than an answer may name; bags are of frames. What it is not: nothing
-integrates, so errors of y enter the forces of stiff cloth; a tracker's fault is seen only as far as it shows within one frame; strengths are
-unbounded while they are sought.
+y: the recording as a smooth motion of cloth (`cloth/start_state.py`), its derivatives by local polynomials; a and its derivatives from one
+frame of simulation from (y, ẏ). The threshold rises until no more effects are left than an answer may name; bags are of frames. What it is
+not: nothing integrates, so errors of y enter the forces of stiff cloth; a tracker's fault is seen only as far as it shows within one frame;
+strengths are unbounded while they are sought.
 
 Source: Brunton, Proctor & Kutz 2016 (SINDy); Fasel et al. 2022 (bagging); PySINDy (Kaptanoglu et al. 2022).
 """

@@ -1,8 +1,8 @@
 """One answer against one truth: what counts as right, and by how much.
 
 answer: the JSON of the diagnosis, version 1. truth: that of the generator. A diagnosis that failed or did not end answers nothing (None).
-Credit of a set of names: 1/(1 + names outside the admissible class) if it holds the truth and at most MOST names, else 0. Of two causes the mean of both
-credits, names that may stand for the other one set aside.
+Credit of a set of names: 1/(1 + names outside the admissible class) if it holds the truth and at most MOST names, else 0. Of two causes the
+mean of both credits, names that may stand for the other one set aside.
 """
 
 from collections.abc import Iterable, Mapping
@@ -89,7 +89,8 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
 def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any], floor_m: float) -> dict[str, Any]:
     """How far a blind prediction closes the gap: before, after [T, V, 3] m against the recording that was held out, driven nodes aside.
 
-    Frames that the blind file showed do not count. `worse` only where the prediction changed: nothing is carried over where nothing was named.
+    Frames that the blind file showed do not count. `worse` only where the prediction changed: nothing is carried over where nothing was
+    named.
     """
     if prediction is None:
         return {}
@@ -119,8 +120,9 @@ def area_under_curve(value: Array, positive: NDArray[np.bool_]) -> float:
 
 
 def _strengths(causes: Json, ranking: list[Json]) -> dict[str, Any]:
-    """Relative error of a single cause's strength and whether its interval holds the truth, where the units agree. Of an effect with several strengths the one
-    that was planted counts, or the size of all."""
+    """Relative error of a single cause's strength and whether its interval holds the truth, where the units agree. Of an effect with
+    several strengths the one that was planted counts, or the size of all.
+    """
     if len(causes) != 1:
         return {}
     name, true = next(iter(causes.items()))

@@ -39,7 +39,8 @@ def demo_scores(
 ) -> dict[str, dict[str, Any]]:
     """All figures of the report's section on the truth; pairs are (found, truth), `garment` marks each garment's vertices [V].
 
-    keypoint_joints [frame, 55, 3] m: before registration; planted: the effect that the garments were made with and the base model lacks; verdict: the diagnosis' answer.
+    keypoint_joints [frame, 55, 3] m: before registration; planted: the effect that the garments were made with and the base model lacks;
+    verdict: the diagnosis' answer.
     """
     scores = {
         "mean joint error": {"value": mean_joint_error_mm(*joints), "unit": "mm"},

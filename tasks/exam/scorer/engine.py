@@ -1,7 +1,7 @@
 """Which cases of another engine count: nulls, and effects that exceed what the refitted base leaves over of that engine's own cloth.
 
-Two engines differ without any cause. What a refit of the base leaves over on the engine's nulls is that difference; an effect that is not twice
-as large might drown in it, and nobody is asked for it.
+Two engines differ without any cause. What a refit of the base leaves over on the engine's nulls is that difference; an effect that is not
+twice as large might drown in it, and nobody is asked for it.
 """
 
 from collections.abc import Hashable, Mapping
