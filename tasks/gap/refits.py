@@ -40,9 +40,9 @@ class Refitted:
     model: Model
     evidence: tuple[Evidence, ...]
     windows: Windows | None
-    against: Windows | None = None
     replays: tuple[Replay | None, ...] = ()
     told: Normals | None = None
+    against: Windows | None = None
 
     @property
     def replayed(self) -> Replayed:
@@ -66,7 +66,7 @@ def refitted(
             normals = compressed([evidence[k] for k in followed], screened.prior, effects, screened.doubt)
             there = {c: float(θ) for e in hypothesis.effects for c, θ in zip(e.columns, model.strength(e), strict=True)}
             about = against.about(normals, hypothesis.effects, there)
-            return Refitted(about.fit(hypothesis.effects), model, evidence, about, against)
+            return Refitted(about.fit(hypothesis.effects), model, evidence, about, against=against)
     return Refitted(replace(hypothesis, weights=()), model, evidence, None)
 
 

@@ -27,7 +27,7 @@ def asked(monkeypatch):
         evidence = [SimpleNamespace(normals=n, prediction=SimpleNamespace(complete=k >= lost)) for k, n in enumerate(kept)]
         monkeypatch.setattr(refits, "_simulated", lambda *_: evidence)
         before = [SimpleNamespace(normals=n, prediction=SimpleNamespace(complete=True)) for n in kept]
-        named = Refitted(taught.fit([FRICTION]), None, (), taught, taught)
+        named = Refitted(taught.fit([FRICTION]), None, (), taught, against=taught)
         return named, weighed_with(named, SimpleNamespace(prior=None, doubt=None), None, before), taught, kept
 
     return run
