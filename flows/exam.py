@@ -321,8 +321,7 @@ def sit(
 
     Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of
     this version and seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the
-    examined
-    code was changed meanwhile: the answers would be those of no version.
+    examined code was changed meanwhile: the answers would be those of no version.
     """
     began = version()
     wanted = exam.tasks(rivals) if exam.split == "open" else unanswered(exam.tasks(rivals), began, scoreboard)

@@ -1,8 +1,7 @@
 """What can be wrong with the arrays of a tracked garment; every array is looked at before anything is refused.
 
 Shapes are written with named axes, which must agree between arrays. Values are looked at only where the shape holds, and the surface only
-where the values
-do: an array that is faulty by itself is left out of what follows, the others are not.
+where the values do: an array that is faulty by itself is left out of what follows, the others are not.
 """
 
 import json

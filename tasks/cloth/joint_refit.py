@@ -4,10 +4,9 @@ windows.
     minimise over θ = (log κ_s, log κ_b, strengths/typical)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w) + Σ_strengths (θ/3)²
 
 with r_w, C_w as in `shooting.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended,
-at strength
-zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic problem
-within the bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the recording
-cannot tell apart.
+at strength zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic
+problem within the bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the
+recording cannot tell apart.
 
 Source: Coleman & Li 1996 (the bounded step, as in scipy's lsq_linear); Nocedal & Wright 2006, ch. 10 (Levenberg damping).
 """
@@ -189,11 +188,11 @@ def _ridge(model: Model) -> float:
 
 def _row(model: Model, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:
     found = [_told(model, e, prior) for e in now if e.prediction.complete]
-    strengths = {c: float(v) for e in model.effects for c, v in zip(e.columns, model.strength(e), strict=True)}
+    strengths = model.by_column(model.effects)
     fabric = model.subject.fabric
     misfit = sum(n.c for n in found) / max(sum(n.n for n in found), 1)
     return {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, **strengths, "misfit": misfit, "windows": len(found)}
 
 
 def _strengths_told(model: Model) -> str:
-    return ", ".join(f"{c} {v:.3g}" for e in model.effects for c, v in zip(e.columns, model.strength(e), strict=True))
+    return ", ".join(f"{c} {v:.3g}" for c, v in model.by_column(model.effects).items())

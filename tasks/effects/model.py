@@ -31,6 +31,10 @@ class Model:
         """θ [K] of an effect, zero where it is not given."""
         return np.asarray(self.strengths.get(effect.name, np.zeros(len(effect.strengths))), float)
 
+    def by_column(self, effects: Sequence[Effect]) -> dict[str, float]:
+        """column -> strength of some effects."""
+        return {c: float(θ) for e in effects for c, θ in zip(e.columns, self.strength(e), strict=True)}
+
     def run(
         self,
         motion: Motion,

@@ -38,8 +38,7 @@ def afresh(screened: Screened, first: Model, data: Gathered, hypothesis: Fitted,
         φ = smooth_modes(model.subject.cloth, STARTING)
         todo = [replace(job, recording=job.recording.forgetful, offsets=offsets.get(job.window, {})) for job in jobs(model, windows, φ)]
         model = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=iterations, run=run).model
-    strengths = {c: float(θ) for e in hypothesis.effects for c, θ in zip(e.columns, model.strength(e), strict=True)}
-    return replace(hypothesis, base=np.zeros_like(hypothesis.base), strengths=strengths), model
+    return replace(hypothesis, base=np.zeros_like(hypothesis.base), strengths=model.by_column(hypothesis.effects)), model
 
 
 def _few_short(data: Gathered, fps: float) -> Gathered:

@@ -44,10 +44,9 @@ class Diagnosis:
 
     before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; residual_accel [V] m/s²:
     what is missing in the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth;
-    frame_mm [T] of the first recording;
-    parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed beside the leading one; base,
-    replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the model for motions not seen:
-    with the named effect, unless whole recordings replayed with it came less near than the base's.
+    frame_mm [T] of the first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed
+    beside the leading one; base, replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the
+    model for motions not seen: with the named effect, unless whole recordings replayed with it came less near than the base's.
     """
 
     verdict: Verdict

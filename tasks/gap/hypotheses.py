@@ -19,9 +19,8 @@ worth `KNOWN` windows; then, with ν = W − 1 + KNOWN,
     L = ν/2 log(1 + Δ/(φ ν)),       evidence = L + log ∫ p(θ) Student_ν(θ − θ̂)/Student_ν(0) dθ
 
 are the log likelihood ratio (Student's) and the log Bayes factor against the hypothesis without the effect. p is log-normal about the
-typical
-strength: a cause of a hundredth of its usual strength is more often the mesh. Effects of a compound are weighed one after the other, each
-beside those before it.
+typical strength: a cause of a hundredth of its usual strength is more often the mesh. Effects of a compound are weighed one after the
+other, each beside those before it.
 
 Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clusters); Kass & Raftery 1995. Limits: linear in θ.
 """

@@ -4,10 +4,9 @@ observed.
     s = √(Σ (|x_i − x_j|² − b)/Σ |X_i − X_j|²) − 1        over edges (i, j) and frames in which both ends were seen
 
 b is what errors of tracking add: 6σ² where neighbours err independently, nothing where they err together; of all s in between the one
-nearest to zero. The
-simulator has to be told: a base that lacks the scale bends its fabric until no derivative leads back (`afresh.py`). Cloth stretches by its
-own weight and shortens in folds of a coarse mesh, by 0.1 to 0.5 % in seventeen cases whose scale was right; below `LEAST` nothing is
-claimed.
+nearest to zero. The simulator has to be told: a base that lacks the scale bends its fabric until no derivative leads back (`afresh.py`).
+Cloth stretches by its own weight and shortens in folds of a coarse mesh, by 0.1 to 0.5 % in seventeen cases whose scale was right; below
+`LEAST` nothing is claimed.
 
 Limits: needs a rest shape that is not the first frame's own; one scale for all directions.
 """

@@ -65,8 +65,7 @@ def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: 
     effects = (*model.effects, effect)  # with what the base has already
     found = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
     h = next(h for h in screened.hypotheses if h.name == effect.name)
-    strengths = dict(zip(effect.columns, map(float, found.strength(effect)), strict=True))
-    return replace(h, base=np.zeros_like(h.base), strengths=strengths), found
+    return replace(h, base=np.zeros_like(h.base), strengths=found.by_column([effect])), found
 
 
 def _jobs(model: Model, data: Gathered) -> list[Job]:

@@ -64,8 +64,7 @@ def refitted(
         if enough(len(followed), len(evidence)):
             against = screened.windows.only(followed)
             normals = compressed([evidence[k] for k in followed], screened.prior, effects, screened.doubt)
-            there = {c: float(θ) for e in hypothesis.effects for c, θ in zip(e.columns, model.strength(e), strict=True)}
-            about = against.about(normals, hypothesis.effects, there)
+            about = against.about(normals, hypothesis.effects, model.by_column(hypothesis.effects))
             return Refitted(about.fit(hypothesis.effects), model, evidence, about, against=against)
     return Refitted(replace(hypothesis, weights=()), model, evidence, None)
 

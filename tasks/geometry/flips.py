@@ -1,8 +1,7 @@
 """The same surface in other triangles: diagonals of neighbouring faces exchanged, each face at most once.
 
 Of two faces (a, b, c) and (b, a, d) that are nearly coplanar come (a, d, c) and (d, b, c). The shortest new diagonals, relative to the old
-ones, are
-taken first: on a grid of squares these are the other diagonals, of which none is worse. Source: Lawson 1972.
+ones, are taken first: on a grid of squares these are the other diagonals, of which none is worse. Source: Lawson 1972.
 """
 
 import numpy as np

@@ -22,8 +22,7 @@ GLIMPSES = 12  # pictures per camera from which the moving person is told from t
 
 class KeypointsParameters(Parameters):
     """model: a DWPose, RTMW or RTMPose ONNX file; by default the bundled detector, trained on synthetic people. file: keypoints found
-    elsewhere;
-    pixel_centre: what that file calls the centre of the first pixel [px], 0 as DWPose and OpenPose do, or 0.5.
+    elsewhere; pixel_centre: what that file calls the centre of the first pixel [px], 0 as DWPose and OpenPose do, or 0.5.
     """
 
     model: Annotated[ModelFile, AfterValidator(lambda model: model or BUNDLED)] = BUNDLED

@@ -6,9 +6,8 @@ negative eigenvalues cut off, the share of the step that additive collision dete
 
 Prescribed nodes: if they can jump to their targets past the cloth at rest, they do. Otherwise a penalty on their distance pulls them until
 99 % of the way is done; there they stay. Hence `Solution.collider` and the boundary of `Solution.x` may end short of their targets. Here
-the target itself
-is asked for: the recordings show the penalty to be about 1e6 times the nodal mass, so that a ring that carries a skirt stands 2e-6 to
-5e-6 m beside it.
+the target itself is asked for: the recordings show the penalty to be about 1e6 times the nodal mass, so that a ring that carries a skirt
+stands 2e-6 to 5e-6 m beside it.
 
 Source: the Newton loop of Codim-IPC (Li, Kaufman, Jiang 2021) as PhysAvatar runs it. Left out: gradient steps after a failed factorisation,
 and the doubling of the barrier's stiffness for pairs closer than 1e-9 m. Limits: linear convergence, and an end that is not a solution; no

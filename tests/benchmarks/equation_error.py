@@ -4,10 +4,9 @@
 
 over the steps k of backward Euler from recorded frames k−1, k, each with a scale of its own that is not known: r [m/s²] is the acceleration
 that the model leaves over, linear in κ, on free nodes. Where the recording is another simulator's, exact but for the tolerance at which its
-steps stopped, this is where its
-errors are: in the balance of forces, not in places, which a step that ends on its way out of a saddle may miss by a millimetre. It is of no
-use for tracked cloth: a millimetre of noise at 25 frames per second is an acceleration of 1 m/s², and of a hundred in what the membrane
-answers.
+steps stopped, this is where its errors are: in the balance of forces, not in places, which a step that ends on its way out of a saddle may
+miss by a millimetre. It is of no use for tracked cloth: a millimetre of noise at 25 frames per second is an acceleration of 1 m/s², and of
+a hundred in what the membrane answers.
 
 Source: equation error against output error, Ljung 1999 (System Identification), § 7.2.
 """

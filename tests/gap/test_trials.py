@@ -63,6 +63,17 @@ class Rehearsed(Trials):
         return self.seconds
 
 
+def restless():
+    """What simulations find where friction leads and every one asks for half as much again."""
+    strength = {}
+
+    def finds(name, origin):
+        strength[name] = strength.get(name, 0.3) * 1.5
+        return strength[name], 20.0 if name == FRICTION else 1.0
+
+    return finds
+
+
 @pytest.mark.parametrize(("grows", "times"), [(1.0, 0), (1.02, 0), (1.5, AGAIN)])
 def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, grows, times):
     strength = {FRICTION: 0.3}
@@ -80,13 +91,7 @@ def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, gro
 
 
 def test_what_was_simulated_stands_where_it_cannot_be_followed_further(monkeypatch):
-    strength = {FRICTION: 0.3}
-
-    def finds(name, origin):
-        strength[name] = strength.get(name, 0.3) * 1.5
-        return strength[name], 20.0 if name == FRICTION else 1.0
-
-    t = Rehearsed(monkeypatch, doubt=0.0, finds=finds)
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=restless())
     simulate = t.simulate
     monkeypatch.setattr(t, "simulate", lambda h, start=None: replace(simulate(h, start), windows=None if start else ()))
     t.settle(quick=False)
@@ -134,13 +139,7 @@ def test_what_leads_once_another_has_fallen_is_simulated_if_it_is_worth_that(mon
 
 
 def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch):
-    strength = {FRICTION: 0.3}
-
-    def finds(name, origin):
-        strength[name] = strength.get(name, 0.3) * 1.5  # never stands still
-        return strength[name], 20.0 if name == FRICTION else 1.0
-
-    t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=restless())
     t.settle(quick=False)
     assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN
 
@@ -155,13 +154,7 @@ def test_the_scale_that_lengths_ask_for_is_simulated_afresh_and_once(monkeypatch
 
 
 def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
-    strength = {FRICTION: 0.3}
-
-    def finds(name, origin):
-        strength[name] = strength.get(name, 0.3) * 1.5
-        return strength[name], 20.0 if name == FRICTION else 1.0
-
-    t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=restless())
     t.settle(quick=True)
     assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
 

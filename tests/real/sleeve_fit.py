@@ -3,9 +3,8 @@ Gauss–Newton.
 
 One simulation serves all places: the arm swings alike in all runs, so it is driven by the mean of repeats 1–3, and compared with the mean
 trajectory of each place in the frame of the arm. The start of `clamps_across` is the mean offset of all places on repeats 1–3. The geometry
-is known to a centimetre, and a sensor sits on the
-cloth: each place may be off by a constant δ ~ N(0, s_δ²) in each direction, which is integrated out. With r = ȳ − y(θ), its mean r̄ over
-time and N independent instants per swing,
+is known to a centimetre, and a sensor sits on the cloth: each place may be off by a constant δ ~ N(0, s_δ²) in each direction, which is
+integrated out. With r = ȳ − y(θ), its mean r̄ over time and N independent instants per swing,
 
     minimise  Σ_places N/T Σ_t ‖r − r̄‖²/σ²  +  ‖r̄‖²/(σ²/N + s_δ²)  +  Σ (θ − θ₀)²/s²        σ the spread of repeats
 

@@ -45,8 +45,7 @@ MEETS = {"skirt": (0, 1, 2, 3, 4, 5, 6, 20, 21, *range(25, 55)), "top": (0, 3, 6
 @dataclass(frozen=True)
 class Fitting:
     """A garment on the actor: fabric, collider faces [F, 3] and motion [T, C, 3] m, boundary motion [T, B, 3] m, frames per second, and
-    what the
-    base model lacks: effect -> strengths in SI units (`tasks/effects`).
+    what the base model lacks: effect -> strengths in SI units (`tasks/effects`).
     """
 
     garment: Garment
