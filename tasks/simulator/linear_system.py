@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
-from tasks.geometry.cholmod_kernels import load_cholmod
+from tasks.geometry.cholmod_kernels import load_cholmod, one_thread
 from tasks.simulator.potential import Blocks
 
 Array = NDArray[np.float64]
@@ -166,7 +166,8 @@ def _analyse(A: csc_matrix):
 
     def factorise(matrix: csc_matrix) -> Factor:
         try:
-            factor = symbolic.cholesky(matrix)
+            with one_thread():
+                factor = symbolic.cholesky(matrix)
         except cholmod.CholmodNotPositiveDefiniteError as error:
             raise NotPositiveDefinite from error
         return _Cholesky(factor)

@@ -29,7 +29,7 @@ Terms = list[Blocks | csc_matrix]
 FORCING = 1e-4  # of H
 MIXED = 1e-2  # of a neighbour that is not Newton's own anyway
 CARRIED = 1e-6  # where something prescribed moves: a ten-thousandth of 2 cm, across a gap of a micrometre, closes it
-MOST = 24  # of their iterations, which cost a thirtieth to a fiftieth of a factorisation each
+MOST = 24  # of their iterations, which cost a tenth to a twentieth of a factorisation each
 EARLY = 8  # of them, after which their pace is known
 LADDER = (0.0, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # shares λ of the convex neighbours
 

@@ -16,7 +16,7 @@ nor changed shading;
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.cholmod_kernels import load_cholmod
+from tasks.geometry.cholmod_kernels import load_cholmod, one_thread
 from tasks.tracking.blocks import NormalEquations
 
 Array = NDArray[np.float64]
@@ -31,7 +31,8 @@ def posterior(system: NormalEquations, *, samples: int = _SAMPLES) -> Array:
 
     n = len(system.gradient)
     H = bsr_matrix((system.blocks, system.pattern.column, system.pattern.row_start), shape=(3 * n, 3 * n))
-    factor = load_cholmod().cholesky((H + eye(3 * n) / _LOOSEST**2).tocsc())
+    with one_thread():
+        factor = load_cholmod().cholesky((H + eye(3 * n) / _LOOSEST**2).tocsc())
     z = np.random.default_rng(0).standard_normal((3 * n, samples))
     x = factor.apply_Pt(factor.solve_Lt(z, use_LDLt_decomposition=False))
     return np.sqrt((x.reshape(n, 3, samples) ** 2).mean((1, 2)))

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
-from tasks.geometry.cholmod_kernels import load_cholmod
+from tasks.geometry.cholmod_kernels import load_cholmod, one_thread
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -88,9 +88,10 @@ class Matrix:
 
     def _factorise(self, data: Array) -> None:
         A = csc_matrix((data, self._indices, self._indptr), shape=(self.size, self.size))
-        self._symbolic = self._symbolic or cholmod.analyze(A, mode="simplicial", ordering_method="nesdis")
+        self._symbolic = self._symbolic or cholmod.analyze(A, mode="supernodal", ordering_method="metis")
         try:
-            self._factor = self._symbolic.cholesky(A)
+            with one_thread():
+                self._factor = self._symbolic.cholesky(A)
         except cholmod.CholmodNotPositiveDefiniteError:
             self._factor = None
             raise Indefinite from None
