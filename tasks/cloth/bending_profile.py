@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import PARAMETERS, moved
+from tasks.cloth.base_refit import scaled, unscaled_loss
 from tasks.cloth.gauss_newton import Normal
 from tasks.cloth.numerics import common_error, corrected
-from tasks.cloth.shooting import PARAMETERS, moved, scaled, unscaled_loss
 from tasks.cloth.windows import Normals
 from tasks.simulator import Fabric
 

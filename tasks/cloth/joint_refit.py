@@ -3,7 +3,7 @@ windows.
 
     minimise over θ = (log κ_s, log κ_b, strengths/typical)    Σ_w n_w log(r_wᵀ C_w⁻¹ r_w) + Σ_strengths (θ/3)²
 
-with r_w, C_w as in `shooting.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended,
+with r_w, C_w as in `base_refit.py` and what a finer computation adds (`numerics.py`) taken off. It begins where the base model alone ended,
 at strength zero: there part of what the effects do was laid to the fabric, and both are corrected together. Every step solves the quadratic
 problem within the bounds of the fabric and the plausible ranges of the strengths; the weak prior decides only between effects that the
 recording cannot tell apart.
@@ -18,24 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from tasks.cloth.base_parameters import with_fabric
+from tasks.cloth.base_refit import DAMPING, STUCK, BaseFit, gain, scaled, unscaled_loss
 from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
+from tasks.cloth.likeliest_errors import estimated_prior
+from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import WAYS, common_error, corrected
-from tasks.cloth.shooting import (
-    DAMPING,
-    STUCK,
-    BaseFit,
-    Evidence,
-    Job,
-    Map,
-    Prior,
-    estimated_prior,
-    follow,
-    gain,
-    scaled,
-    unscaled_loss,
-    with_fabric,
-    without_state,
-)
+from tasks.cloth.shooting import Evidence, Job, Map, follow
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model

@@ -31,8 +31,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_refit import scale, summed
 from tasks.cloth.gauss_newton import RCOND
-from tasks.cloth.shooting import Evidence, Job, scale, summed
+from tasks.cloth.shooting import Evidence, Job
 from tasks.cloth.windows import Normals, marginalised, predict
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model

@@ -4,7 +4,7 @@
 
 per coordinate, X at rest. Taken for white, errors shared by neighbours look like wrinkles that the cloth never had, those that last like
 forces that push it, and a thousand vertices that err together like a thousand witnesses. ρ, ℓ and τ are those of highest marginal
-likelihood (`shooting.py`).
+likelihood (`likeliest_errors.py`).
 
 The shared part is an autoregression, so that its Kalman filter whitens: what is left of a frame once those before have foretold its errors
 is independent of them, however many vertices were not seen.

@@ -21,7 +21,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PER_FRAME, Evidence, Job, Prior, first_nearer, follow, state_names, state_weights
+from tasks.cloth.nuisances import Prior, state_names, state_weights
+from tasks.cloth.shooting import PER_FRAME, Evidence, Job, first_nearer, follow
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals, marginalised
 

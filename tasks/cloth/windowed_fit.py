@@ -1,4 +1,4 @@
-"""The default fit: κ_s and κ_b from windows of the recording (`windows.py`, `shooting.py`), then one replay of the whole for the figures.
+"""The default fit: κ_s and κ_b from windows of the recording (`windows.py`, `shooting.py`, `base_refit.py`), then one replay of the whole for the figures.
 
 A replay of a second from one start is chaotic where cloth buckles: its loss has a false minimum wherever a fold falls the other way, and
 Gauss–Newton on it stops in the first. In windows, each from its own start whose error is marginalised, derivatives hold: first of a fifth
@@ -19,27 +19,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import moved, with_fabric
+from tasks.cloth.base_refit import SCALE, BaseFit, refit, scaled
 from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.gauss_newton import PARAMETERS, UNKNOWN, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
+from tasks.cloth.likeliest_errors import estimated_prior
+from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import FINER, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
-from tasks.cloth.shooting import (
-    SCALE,
-    BaseFit,
-    Evidence,
-    Job,
-    Map,
-    Prior,
-    estimated_prior,
-    follow,
-    moved,
-    refit,
-    scaled,
-    with_fabric,
-    without_state,
-)
+from tasks.cloth.shooting import Evidence, Job, Map, follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.unwrinkled_start import FINE, without_wrinkles

@@ -25,7 +25,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS, Evidence, Map
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.start_state import States
 from tasks.cloth.windows import Recording, Window, columns_of, smooth
 from tasks.effects.effect import Motion

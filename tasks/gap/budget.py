@@ -10,7 +10,7 @@ windows followed, and with the start states' prior of that moment, which may be 
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from tasks.cloth.shooting import without_nuisances
+from tasks.cloth.nuisances import without_nuisances
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.screening import Screened
 from tasks.gap.shapley import misfit_taken

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS, summed
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import summed
 from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.effect import Effect
 from tasks.gap.hypotheses import BASE_SPREAD, Windows

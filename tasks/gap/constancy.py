@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.numerics import finer
-from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals
 from tasks.gap.hypotheses import BASE_SPREAD, Fitted, Windows
 

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import Evidence, Map, moved
+from tasks.cloth.base_parameters import moved
+from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import PREDICTED, Recording, Window
 from tasks.effects.effect import Effect

@@ -16,10 +16,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.chord_shortening import chord_shortening
 from tasks.cloth.contact_sagitta import body_speed
+from tasks.cloth.nuisances import without_forcing
 from tasks.cloth.numerics import WAYS, finer_shift, without_others
-from tasks.cloth.shooting import PARAMETERS, without_forcing
 from tasks.cloth.windows import Normals, columns_of, marginalised
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model

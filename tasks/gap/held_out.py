@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import size
-from tasks.cloth.shooting import Evidence, Prior, without_state
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Recording
 
 Array = NDArray[np.float64]

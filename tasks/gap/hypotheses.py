@@ -37,7 +37,8 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 from scipy.special import stdtrit
 
-from tasks.cloth.shooting import PARAMETERS, without_forcing
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.nuisances import without_forcing
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
 

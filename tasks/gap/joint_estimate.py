@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded, precision
 from tasks.gap.replay import SPREAD, Replayed, supported

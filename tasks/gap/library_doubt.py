@@ -16,7 +16,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS, Evidence, without_state
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.nuisances import without_state
+from tasks.cloth.shooting import Evidence
 from tasks.gap.feigned import numerics_forcing
 from tasks.gap.hypotheses import NOWHERE, Fitted
 from tasks.gap.refits import Refitted

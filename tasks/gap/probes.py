@@ -21,8 +21,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.joint_refit import refit_jointly
-from tasks.cloth.shooting import PARAMETERS, Job, Map, Prior, state_names, without_state
+from tasks.cloth.nuisances import Prior, state_names, without_state
+from tasks.cloth.shooting import Job, Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Prediction, marginalised, normals, predict
 from tasks.effects.effect import Effect

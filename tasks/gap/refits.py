@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import moved, with_fabric
 from tasks.cloth.numerics import with_tangents
-from tasks.cloth.shooting import Evidence, Map, follow, moved, with_fabric
+from tasks.cloth.shooting import Evidence, Map, follow
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect

@@ -6,21 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_refit import BaseFit, refit
+from tasks.cloth.likeliest_errors import estimated_correlation, estimated_prior
+from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import corrected, offsets, with_tangents
-from tasks.cloth.shooting import (
-    BaseFit,
-    Evidence,
-    Job,
-    Map,
-    Prior,
-    Start,
-    estimated_correlation,
-    estimated_prior,
-    follow,
-    nearer_start,
-    refit,
-    without_state,
-)
+from tasks.cloth.shooting import Evidence, Job, Map, Start, follow, nearer_start
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import Normals

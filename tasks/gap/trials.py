@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tasks.cloth.shooting import Map, moved, with_fabric
+from tasks.cloth.base_parameters import moved, with_fabric
+from tasks.cloth.shooting import Map
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.afresh import afresh

@@ -5,7 +5,7 @@ kernels for a Prescott of 2004, and factorises cloth in one and a half times the
 and recognises more: what that one says, the other is told. A type that the user has set is never overridden.
 
 CHOLMOD itself opens four OpenMP threads around every loop of a factorisation, however short (`num_threads` in its source, which
-OMP_NUM_THREADS does not reach). They wait for one another four to six times as long as the factorisation of cloth takes; see `one_thread`.
+OMP_NUM_THREADS does not reach). They wait for one another three to six times as long as the factorisation of cloth takes; see `one_thread`.
 """
 
 import ctypes

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tasks.cloth.forcing import FORCED, Forcing, SmoothForce
-from tasks.cloth.shooting import Job, estimated_prior, follow
+from tasks.cloth.likeliest_errors import estimated_prior
+from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Window, predict

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth.base_refit import BaseFit
 from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.estimates import added_effects, estimates
 from tasks.cloth.gauss_newton import rms_mm
 from tasks.cloth.joint_refit import UNFOLLOWED, CompletedFit, refit_jointly
 from tasks.cloth.knowledge import knowledge
+from tasks.cloth.nuisances import Prior
 from tasks.cloth.scene import replay
-from tasks.cloth.shooting import BaseFit, Evidence, Prior
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windowed_fit import Windowed, fit_windows
 from tasks.cloth.windows import Normals, Prediction, Window, smooth
 from tasks.effects.effect import Motion, Subject

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth.base_refit import scaled
 from tasks.cloth.gauss_newton import Normal
 from tasks.cloth.numerics import FINER, LINEAR, WAYS, common_error, corrected, offsets, otherwise, with_tangents
-from tasks.cloth.shooting import Job, follow, scaled
+from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals, Window, predict

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import BaseFit, refit
 from tasks.cloth.joint_refit import refit_jointly
-from tasks.cloth.shooting import PARAMETERS, BaseFit, Evidence, Job, Prior, refit
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Evidence, Job
 from tasks.cloth.start_state import States
 from tasks.cloth.windows import Normals, Prediction, Recording, Window
 from tasks.effects.effect import Motion, Subject

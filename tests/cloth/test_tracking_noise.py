@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Job, Prior, estimated_correlation
+from tasks.cloth.likeliest_errors import estimated_correlation
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Job
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import INDEPENDENT, Correlation, whitened

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Evidence, Job, Prior, follow
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Evidence, Job, follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.unwrinkled_start import noise_variances, unwrinkled_start, without_wrinkles

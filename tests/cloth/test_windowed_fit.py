@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tasks.cloth import windowed_fit
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.estimates import estimates
 from tasks.cloth.gauss_newton import UNKNOWN
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.numerics import corrected
 from tasks.cloth.scene import replay
-from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.effects.library import library
 from tasks.simulator import Fabric

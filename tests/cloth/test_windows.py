@@ -6,20 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth import shooting
-from tasks.cloth.shooting import (
-    PARAMETERS,
-    STUCK,
-    Job,
-    Prior,
-    follow,
-    follow_corrected,
-    likely_start,
-    nearer_start,
-    refit,
-    stretch_of,
-    with_fabric,
-)
+from tasks.cloth import base_refit
+from tasks.cloth.base_parameters import PARAMETERS, with_fabric
+from tasks.cloth.base_refit import STUCK, refit, stretch_of
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Job, follow, follow_corrected, likely_start, nearer_start
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.windows import Normals, Recording, Window, marginalised, predict, windows
@@ -271,9 +262,9 @@ def test_a_refit_that_no_step_betters_does_not_call_that_converged(monkeypatch, 
     wrong = with_fabric(model, Fabric(320.0, 1.0, 40.0))
     found = states(wrong, recording.motion, recording.observed, 1e-3)
     todo = [Job(wrong, recording, w, found, smooth_modes(model.subject.cloth, 4)) for w in windows([recording], FPS)]
-    monkeypatch.setattr(shooting, "gain", lambda now, tried, loss: 0.0)
+    monkeypatch.setattr(base_refit, "gain", lambda now, tried, loss: 0.0)
     for name, value in {"SETTLED": settled, "LARGEST_STEP": 0.31, "DAMPING": (1e-3, 1e3)}.items():
-        monkeypatch.setattr(shooting, name, value)
+        monkeypatch.setattr(base_refit, name, value)
     stopped = refit(todo, noise=1e-3, iterations=6)
     assert stopped.ending == ending and stopped.model.subject.fabric == wrong.subject.fabric
 

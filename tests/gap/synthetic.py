@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Windows

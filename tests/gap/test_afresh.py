@@ -6,7 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import BaseFit, Prior, with_fabric
+from tasks.cloth.base_parameters import with_fabric
+from tasks.cloth.base_refit import BaseFit
+from tasks.cloth.nuisances import Prior
 from tasks.cloth.start_state import states
 from tasks.cloth.windows import windows
 from tasks.effects.library import library

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Evidence, Prior
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.budget import budget
 from tasks.gap.screening import compress

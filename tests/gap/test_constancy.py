@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import PARAMETERS, Evidence
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Prediction, Window
 from tasks.gap.constancy import by_speed, by_window, by_zone, cochran, speeds
 from tests.gap.synthetic import EFFECTS, NAMES, windows

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Evidence, Prior
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.acceleration import fitted_acceleration, residual_acceleration
 from tasks.gap.held_out import fallen, log_ratios, shrinkage, unchanged

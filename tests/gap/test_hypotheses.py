@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.numerics import corrected
-from tasks.cloth.shooting import PARAMETERS
 from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability

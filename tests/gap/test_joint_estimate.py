@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Fitted

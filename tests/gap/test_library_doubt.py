@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import Evidence, Prior
+from tasks.cloth.nuisances import Prior
+from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Prediction, Window
 from tasks.gap.library_doubt import gap_left, unexplained
 from tests.gap.synthetic import EFFECTS, NAMES, normals, windows

@@ -6,7 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.cloth.shooting import PARAMETERS, BaseFit, Prior, follow, without_state
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import BaseFit
+from tasks.cloth.nuisances import Prior, without_state
+from tasks.cloth.shooting import follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import marginalised, normals, predict, windows

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tasks.cloth.nuisances import Prior
 from tasks.cloth.numerics import offsets
-from tasks.cloth.shooting import Job, Prior, follow
+from tasks.cloth.shooting import Job, follow
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.library import library
 from tasks.gap.gathered import gather, jobs, restated

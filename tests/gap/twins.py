@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from tasks.cloth.shooting import Job, refit, without_nuisances
+from tasks.cloth.base_refit import refit
+from tasks.cloth.nuisances import without_nuisances
+from tasks.cloth.shooting import Job
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import windows

@@ -2,7 +2,7 @@
 
 What it is: the floor of every figure, the base as the diagnosis has it before whole recordings are replayed. What it is not: a diagnosis;
 it names nobody.
-Source: the parameter estimation of PhysAvatar, by multiple shooting (`cloth/shooting.py`).
+Source: the parameter estimation of PhysAvatar, by multiple shooting (`cloth/base_refit.py`).
 """
 
 from tasks.exam.rivals.rival import NONE, Case, Reply, Rival

@@ -17,7 +17,8 @@ from functools import partial
 
 import numpy as np
 
-from tasks.cloth.shooting import PARAMETERS, Map, moved, with_fabric
+from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
+from tasks.cloth.shooting import Map
 from tasks.cloth.start_state import FRAMES, States, derivative, states
 from tasks.cloth.windows import Recording, Window, predict
 from tasks.cloth.yielded_collider import with_yielded_collider

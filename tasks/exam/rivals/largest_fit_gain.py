@@ -10,7 +10,9 @@ Source: Wilks 1938 (likelihood ratio), white noise taken at its word.
 
 from dataclasses import replace
 
-from tasks.cloth.shooting import follow, summed, without_nuisances
+from tasks.cloth.base_refit import summed
+from tasks.cloth.nuisances import without_nuisances
+from tasks.cloth.shooting import follow
 from tasks.cloth.state_modes import smooth_modes
 from tasks.exam.rivals.linear_fit import applied, column_names, fit
 from tasks.exam.rivals.rival import NONE, Case, Reply, Rival

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from tasks.cloth.shooting import LARGEST_STEP, PARAMETERS, moved, with_fabric
+from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
+from tasks.cloth.base_refit import LARGEST_STEP
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 

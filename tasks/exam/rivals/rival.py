@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import BaseFit, Map, refit
+from tasks.cloth.base_refit import BaseFit, refit
+from tasks.cloth.shooting import Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Recording
 from tasks.effects.effect import Effect

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.shooting import PARAMETERS
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.start_state import States, derivative
 from tasks.cloth.windows import Recording, Window, predict
 from tasks.effects.effect import Effect
