@@ -141,7 +141,8 @@ class _Test:
         through; None where there are none, or a replay cannot be finished.
 
         There is something to close where they are off by more than log ratio² scatters where nothing is missing. Where what is named moves
-        them by no more than they part by chance, the gap counts as unchanged: it might have fallen for anything.
+        them by no more than they part by chance, the gap counts as unchanged, for it might have fallen for anything, and they must be off
+        by twice as much to speak at all: a replay that a cause hardly touches is a poor witness against it.
         """
         base, found = self._base_replays if beside is None else self._replays_of(beside), self._replays_of(named)
         before, after = _by_recording(base), _by_recording(found)
@@ -154,8 +155,9 @@ class _Test:
             return None
         E = np.array(rows)
         floor = float(np.sqrt(E[:, 3].sum() / E[:, 2].sum()))
-        gap = fallen(E[:, :3], floor, held_out=True, replayed=True, closable=np.exp(SPREAD))
-        return gap if parted(found, base) > mean(base).chance else unchanged(gap)
+        moved = parted(found, base) > mean(base).chance
+        gap = fallen(E[:, :3], floor, held_out=True, replayed=True, closable=np.exp(SPREAD if moved else 2 * SPREAD))
+        return gap if moved else unchanged(gap)
 
     @cached_property
     def _base_replays(self) -> Sequence[Replay | None]:
