@@ -78,7 +78,7 @@ def whitened(fields: Array, seen: NDArray[np.bool_], σ: Array, rest: Array, cor
         logdet += 6 * float(np.log(np.diag(root)).sum())
         left = solve_triangular(root, field - foretold[on], lower=True)
         parts.append(left.reshape(-1, K))
-        if k:
+        if k and len(parts) < len(scaled):  # the last foretells nothing
             gain = solve_triangular(root, now[on], lower=True)
             foretold, now = k * (foretold + gain.T @ left), k**2 * (now - gain.T @ gain) + (1 - k**2) * shared
     return np.concatenate(parts), logdet

@@ -64,5 +64,5 @@ def noise_variances(job: Job, names: Sequence[str]) -> Array:
     cloth, fps, correlation = job.model.subject.cloth, job.model.subject.fps, job.recording.correlation
     w = job.φ * cloth.vertex_areas / cloth.vertex_areas.sum()
     R = correlation.shared(cloth.x_rest) + (1 - correlation.share) * np.eye(w.shape[1])
-    places = np.median(job.recording.noise) ** 2 * np.einsum("ki,ij,kj->k", w, R, w)
+    places = np.median(job.recording.noise) ** 2 * np.sum((w @ R) * w, 1)
     return np.array([places[_mode(n)] * (1.0 if n.startswith("x ") else (PER_FRAME * fps) ** 2) for n in names])

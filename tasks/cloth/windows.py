@@ -7,7 +7,8 @@ is what may accelerate the cloth beyond the model (`forcing.py`): z ~ N(0, diag(
     y − x(θ₀) = S_θ (θ − θ₀) + S_z z + ε,    ε ~ N(0, R)
 
 as columns. What a window says about everything is kept as its normal equations, whitened by the noise (`tracking_noise.py`): a few hundred
-numbers squared.
+numbers squared. Of more than `COMPARED` vertices so many are compared, spread evenly over the garment: to whiten costs the cube of their
+number, and errors that neighbours share leave the others little to say.
 
 Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
 """
@@ -27,7 +28,8 @@ from tasks.cloth.state_modes import state_columns
 from tasks.cloth.tracking_noise import INDEPENDENT, Correlation, whitened
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
-from tasks.simulator.cloth import Collider
+from tasks.geometry.farthest_points import farthest_points
+from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.newton import CONVERGED
 
 Array = NDArray[np.float64]
@@ -37,6 +39,7 @@ CONTEXT = 10  # frames before and after a window that a tracker may have mixed i
 SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond that derivatives do not hold in every cloth
 LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
 PREDICTED = 4.0  # median misfit of windows per coordinate up to which cloth was predicted over their length
+COMPARED = 1000  # vertices
 ROUNDING = 1e-12  # of the size of a column
 
 
@@ -211,13 +214,18 @@ class Normals:
 
 def normals(prediction: Prediction, recording: Recording, subject: Subject) -> Normals:
     """Of a complete prediction against what was observed of the free vertices."""
-    y, σ = (a[prediction.window.frames][1:] for a in (recording.observed, recording.noise))
-    seen = np.isfinite(y).all(-1)
-    seen[:, subject.cloth.boundary] = False
-    fields = np.stack([y - prediction.x[1:], *prediction.columns.values()])
-    white, logdet = whitened(fields, seen, σ, subject.cloth.x_rest, recording.correlation, subject.fps)
+    some = _compared(subject.cloth)
+    y, σ = (a[prediction.window.frames][1:, some] for a in (recording.observed, recording.noise))
+    fields = np.stack([y - prediction.x[1:, some], *(column[:, some] for column in prediction.columns.values())])
+    white, logdet = whitened(fields, np.isfinite(y).all(-1), σ, subject.cloth.x_rest[some], recording.correlation, subject.fps)
     G = white.T @ white
     return Normals(tuple(prediction.columns), G[1:, 1:], G[1:, 0], float(G[0, 0]), len(white), logdet)
+
+
+def _compared(cloth: Cloth) -> NDArray[np.int64]:
+    """The free vertices that are compared."""
+    free = np.setdiff1d(np.arange(len(cloth.x_rest)), cloth.boundary)
+    return free[farthest_points(cloth.x_rest[free], COMPARED)]
 
 
 def marginalised(normals: Normals, names: Sequence[str], variance: Array) -> Normals:

@@ -111,8 +111,8 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    trials = Trials(screened, first, train, effects, run, tell)
-    trials.settle(quick=quick)
+    trials = Trials(screened, first, train, effects, run, tell, quick=quick)
+    trials.settle()
     verdict = decided(trials)
     tell("held-out windows")
     kept = held

@@ -47,12 +47,23 @@ DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader i
 
 
 class Trials:
-    """What has been simulated so far. first: the model that the base refit began from; train: windows that the base could follow."""
+    """What has been simulated so far. first: the model that the base refit began from; train: windows that the base could follow.
+
+    quick: one contender, once more at most; afresh only where lengths ask for a scale; no second cause.
+    """
 
     def __init__(
-        self, screened: Screened, first: Model, train: Gathered, effects: Sequence[Effect], run: Map, tell: Callable[[str], None]
+        self,
+        screened: Screened,
+        first: Model,
+        train: Gathered,
+        effects: Sequence[Effect],
+        run: Map,
+        tell: Callable[[str], None],
+        *,
+        quick: bool,
     ) -> None:
-        self.screened, self.first, self.effects, self.run, self.tell = screened, first, effects, run, tell
+        self.screened, self.first, self.effects, self.run, self.tell, self.quick = screened, first, effects, run, tell, quick
         self.train = train.only(e.prediction.window for e in screened.evidence)
         self.cosines = confusability(screened.windows, screened.windows.effects)
         self.alike = twins(self.cosines)
@@ -101,22 +112,20 @@ class Trials:
         """name -> what windows and whole recordings together ask for, and its log Bayes factor by replays, as far as derivatives about the base tell."""
         return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
 
-    def settle(self, *, quick: bool) -> None:
+    def settle(self) -> None:
         """Simulate the contenders, then whichever leads until it stands still, a second cause beside it, and what probes propose where all
         that leaves much.
-
-        quick: one contender, once more at most; afresh only where lengths ask for a scale.
         """
         scaled = by_length(self.screened, self.train)
         seen = scaled + by_contact(self.screened, self.train, self.effects, self.alike)
-        most, missing = 1 if quick else LEADERS, self.replayed.something_missing
+        most, missing = 1 if self.quick else LEADERS, self.replayed.something_missing
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
         for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing, promise):
             together = h not in seen and promise.get(h.name, 0.0) > PROMISING
             self.after[h.name] = self._afresh(h) if h in scaled else self.simulate(whole[h.name][0] if together else h)
-        self._until_it_stands_still(quick=quick)
-        if not quick:
+        self._until_it_stands_still()
+        if not self.quick:
             leader = self.leader.name
             self._with_second()
             if self.doubt(self.pairs()) > DOUBTFUL:
@@ -124,14 +133,14 @@ class Trials:
                 if self.leader.name != leader:
                     self._with_second()
 
-    def _until_it_stands_still(self, *, quick: bool) -> None:
+    def _until_it_stands_still(self) -> None:
         """Simulate whichever leads, as long as it moves or was not simulated; once afresh, if it leaves much."""
-        for _ in range(1 if quick else AGAIN):
+        for _ in range(1 if self.quick else AGAIN):
             leader = self.leader
             now = self.after.get(leader.name)
             if now is None and leader.evidence < least_worth(self.replayed.something_missing):
                 return
-            if not quick and leader.name not in self._asked_afresh and self.doubt() > DOUBTFUL:
+            if not self.quick and leader.name not in self._asked_afresh and self.doubt() > DOUBTFUL:
                 other = self._afresh(leader)
                 if now is None or self._whole(other.hypothesis) > self._whole(now.hypothesis):
                     self.after[leader.name] = other
@@ -157,7 +166,7 @@ class Trials:
         for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.run):
             self.after[h.name] = self.simulate(h, model)
         if self.leader.name != before:
-            self._until_it_stands_still(quick=False)
+            self._until_it_stands_still()
 
     def _with_second(self) -> None:
         """Simulate the likeliest second effect beside the leader, if there is one that windows and whole recordings together promise."""
@@ -182,7 +191,7 @@ class Trials:
     def pairs(self) -> tuple[Fitted, ...]:
         """Second effects beside the leader, if it was simulated; as simulated where they were too."""
         leader = self.leader
-        found = searched(self.after[leader.name]) if leader.name in self.after else ()
+        found = searched(self.after[leader.name]) if leader.name in self.after and not self.quick else ()
         return tuple(self.after[pair.name].hypothesis if self._stands(pair.name) else pair for pair in found)
 
     def _stands(self, name: str) -> bool:

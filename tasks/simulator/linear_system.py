@@ -21,6 +21,8 @@ from tasks.simulator.potential import Blocks
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
+AT_ONCE = 64  # right-hand sides that are solved for at once: what CHOLMOD holds of more leaves the cache
+
 
 class NotPositiveDefinite(ArithmeticError):
     """The matrix has no Cholesky factor."""
@@ -180,7 +182,13 @@ class _Cholesky:
         self._factor = factor
 
     def solve(self, b: Array) -> Array:
-        return self._factor(b)
+        if b.ndim == 1 or b.shape[1] <= AT_ONCE:
+            return self._factor(b)
+        x = np.empty(b.shape, order="F")
+        for first in range(0, b.shape[1], AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            x[:, some] = self._factor(b[:, some])
+        return x
 
 
 class _LU:

@@ -67,16 +67,18 @@ class Tangents:
         problem, system = self.problem, self.problem.system
         hat_x, hat_v = rule.hat(self.dx, self.dx_before), rule.hat(self.dv, self.dv_before)
         dc = self._prescribed(frame, share, 0, step.collider.shape[0])
-        fixed = np.zeros_like(self.dx)
-        fixed[self._moving, problem.boundary] = self._prescribed(frame, share, 1, len(problem.boundary))
         d = StepTangent(self.dx, self.dv, hat_x, hat_v, dc, self.dc, rule.hat(self.dc, self.dc_before))
         hessians = problem.hessians(x, step)
-        rhs = self._forces(x, step, d) - _times(hessians, fixed)
-        dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T) + fixed
+        rhs, fixed = self._forces(x, step, d), self._fixed(frame, share)
+        rhs[self._moving] -= _times(hessians, fixed)
+        dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T)
+        dx[self._moving] += fixed
         for potential in problem.potentials:
             potential.accept_tangent(x, step, dx, d, self.names)
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
-        self.dx, self.dv, self.dc = dx, (dx - hat_x) / step.s, dc
+        dv = dx - hat_x
+        dv /= step.s
+        self.dx, self.dv, self.dc = dx, dv, dc
 
     def _forces(self, x: Array, step: Step, d: StepTangent) -> Array:
         """−∂²P/∂x∂θ − ∂∇P/∂(history)·d [P, V, 3]."""
@@ -90,6 +92,12 @@ class Tangents:
                     rhs[i] -= potential.parameter_gradient(name, x, step)
         return rhs
 
+    def _fixed(self, frame: int, share: float) -> Array:
+        """Derivatives [M, V, 3] of the prescribed nodes, by the modes of the motion."""
+        fixed = np.zeros((len(self._motions), *self.dx.shape[1:]))
+        fixed[:, self.problem.boundary] = self._prescribed(frame, share, 1, len(self.problem.boundary))
+        return fixed
+
     def _prescribed(self, frame: int, share: float, which: int, count: int) -> Array:
         """Derivatives [M, count, 3] of the collider (which = 0) or boundary (1) on the way from frame − 1 to frame, by the modes of the motion."""
         out = np.zeros((len(self._motions), count, 3))
@@ -100,13 +108,12 @@ class Tangents:
 
 
 def _times(hessians: Sequence[Blocks | csc_matrix], fixed: Array) -> Array:
-    """Answer [P, V, 3] of the free nodes' forces to a motion of the prescribed ones; most columns have none."""
+    """Answer [M, V, 3] of the free nodes' forces to a motion of the prescribed ones."""
     total = np.zeros_like(fixed)
-    moving = np.flatnonzero(fixed.any((1, 2)))
-    if len(moving):
-        some, n = fixed[moving], fixed[0].size
+    if len(fixed):
+        n = fixed[0].size
         for H in hessians:
-            total[moving] += H.times(some) if isinstance(H, Blocks) else sparse_times(H[:n, :n], some)
+            total += H.times(fixed) if isinstance(H, Blocks) else sparse_times(H[:n, :n], fixed)
     return total
 
 

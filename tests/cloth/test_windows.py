@@ -7,16 +7,19 @@ import numpy as np
 import pytest
 
 from tasks.cloth import base_refit
+from tasks.cloth import windows as cloth_windows
 from tasks.cloth.base_parameters import PARAMETERS, with_fabric
 from tasks.cloth.base_refit import STUCK, refit, stretch_of
 from tasks.cloth.nuisances import Prior
 from tasks.cloth.shooting import Job, follow, follow_corrected, likely_start, nearer_start
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
+from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import Normals, Recording, Window, marginalised, predict, windows
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.model import Model
 from tasks.effects.observation_smoothing import EFFECT as SMOOTHING
+from tasks.geometry.farthest_points import farthest_points
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tests.simulator.scenes import sheet
 
@@ -94,6 +97,25 @@ def test_gaps_are_filled_in_time_and_over_the_mesh(panel):
     assert np.isfinite(whole).all() and not seen[6, 20] and not seen[:, 30].any()
     assert np.abs(whole[6, 20] - x[6, 20]).max() < 0.01
     assert np.abs(whole[:, 30] - x[:, 30]).max() < 0.03
+
+
+def test_of_many_vertices_some_are_compared_as_if_the_others_had_not_been_seen(panel, monkeypatch):
+    model, recording, *_ = panel
+    lasting = replace(recording, correlation=Correlation(0.6, 0.1, 0.08))
+    found = states(model, recording.motion, recording.observed, 1e-3)
+    window = windows([recording], FPS)[0]
+    predicted = predict(model, recording, window, found, φ=smooth_modes(model.subject.cloth, 2))
+    monkeypatch.setattr(cloth_windows, "COMPARED", 12)
+    few = cloth_windows.normals(predicted, lasting, model.subject)
+    monkeypatch.setattr(cloth_windows, "COMPARED", 1000)
+    free = np.arange(7, 49)
+    others = np.setdiff1d(free, free[farthest_points(model.subject.cloth.x_rest[free], 12)])
+    unseen = recording.observed.copy()
+    unseen[:, others] = np.nan
+    told = cloth_windows.normals(predicted, replace(lasting, observed=unseen), model.subject)
+    assert few.n == told.n == 3 * 12 * window.length
+    np.testing.assert_allclose(few.G, told.G, rtol=1e-9)
+    np.testing.assert_allclose((few.c, few.logdet), (told.c, told.logdet), rtol=1e-9)
 
 
 def test_derivatives_of_a_parabola_are_exact():

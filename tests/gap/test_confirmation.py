@@ -41,7 +41,7 @@ def put(monkeypatch):
         )
         t.alike, t.train = alike, SimpleNamespace(recordings=())
         t.windows = t.screened.evidence
-        t.settle(quick=False)
+        t.settle()
         taught = t.leader.evidence
         t.pairs = lambda: () if pair is None else _pairs(t, pair[0], pair[1 if t.leader.evidence == taught else -1])
         monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)

@@ -80,7 +80,7 @@ def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfit
         left = np.full(len(train.windows), misfits[len(seen) - 1])
         return SimpleNamespace(evidence=[None] * len(left), windows=SimpleNamespace(overdispersion=left))
 
-    def stop(*args):
+    def stop(*args, **options):
         raise Stop
 
     model = SimpleNamespace(subject=SimpleNamespace(fps=FPS, cloth=None))

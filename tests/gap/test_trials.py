@@ -17,11 +17,11 @@ FRICTION = "contact_friction"
 class Rehearsed(Trials):
     """Trials whose simulations are written down: what each finds follows from the fabric it starts at."""
 
-    def __init__(self, monkeypatch, *, doubt, finds):
+    def __init__(self, monkeypatch, *, doubt, finds, quick=False):
         w = windows(np.random.default_rng(0), truth={FRICTION: 0.3})
         hypotheses = tuple(sorted((w.fit([e]) for e in EFFECTS), key=lambda h: -h.evidence))
         self.screened = SimpleNamespace(hypotheses=hypotheses)
-        self.train, self.effects, self.run, self.tell = None, EFFECTS, map, print
+        self.train, self.effects, self.run, self.tell, self.quick = None, EFFECTS, map, print, quick
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
@@ -84,7 +84,7 @@ def test_the_leader_is_simulated_again_while_its_strength_moves(monkeypatch, gro
 
     t = Rehearsed(monkeypatch, doubt=0.0, finds=finds)
     strength[FRICTION] = t.leader.strengths[FRICTION]
-    t.settle(quick=False)
+    t.settle()
     assert t.asked[0] == (FRICTION, "base")
     assert len(t.asked) == 1 + times
     assert all(origin == "base" + "+" * k for k, (_, origin) in enumerate(t.asked))
@@ -94,7 +94,7 @@ def test_what_was_simulated_stands_where_it_cannot_be_followed_further(monkeypat
     t = Rehearsed(monkeypatch, doubt=0.0, finds=restless())
     simulate = t.simulate
     monkeypatch.setattr(t, "simulate", lambda h, start=None: replace(simulate(h, start), windows=None if start else ()))
-    t.settle(quick=False)
+    t.settle()
     assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
     assert t.after[FRICTION].model.name == "base+" and t.leader.evidence == 20.0
 
@@ -105,7 +105,7 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
         return 0.3, (10.0 + 5.0 * better if origin.startswith("first") else 12.0) if name == FRICTION else 1.0
 
     t = Rehearsed(monkeypatch, doubt=0.9, finds=finds)
-    t.settle(quick=False)
+    t.settle()
     assert [origin for _, origin in t.asked[:2]] == ["base", "first"]
     assert sum(origin == "first" for _, origin in t.asked) == 1
     assert t.leader.evidence == (15.0 if better else 12.0)
@@ -113,10 +113,10 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
 
 @pytest.mark.parametrize(("doubt", "quick"), [(0.9, False), (0.1, False), (0.9, True)])
 def test_where_all_that_leaves_much_what_probes_propose_is_simulated(monkeypatch, doubt, quick):
-    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, {FRICTION: 5.0, "gravity_tilt": 9.0}.get(name, 1.0)))
+    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, {FRICTION: 5.0, "gravity_tilt": 9.0}.get(name, 1.0)), quick=quick)
     t.alike = frozenset({frozenset({FRICTION, "fabric_mass_damping"})})
     t.proposed = [(h, SimpleNamespace(name="probed")) for h in t.screened.hypotheses if h.name == "gravity_tilt"]
-    t.settle(quick=quick)
+    t.settle()
     if doubt < 0.5 or quick:
         assert not t.probed and t.leader.name == FRICTION
         return
@@ -133,40 +133,40 @@ def test_what_leads_once_another_has_fallen_is_simulated_if_it_is_worth_that(mon
     weighed = replace(rival, weights=(replace(rival.weights[0], likelihood=weighs, prior=0.0),))
     others = [h for h in t.screened.hypotheses if h.evidence < 0.5 and h is not rival]
     t.screened.hypotheses = (next(h for h in t.screened.hypotheses if h.name == FRICTION), weighed, *others)
-    t.settle(quick=False)
+    t.settle()
     assert [origin for name, origin in t.asked if name == "gravity_tilt"][: len(origins) or None] == origins
     assert (t.leader.evidence == 9.0) is bool(origins)
 
 
 def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch):
     t = Rehearsed(monkeypatch, doubt=0.9, finds=restless())
-    t.settle(quick=False)
+    t.settle()
     assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN
 
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_the_scale_that_lengths_ask_for_is_simulated_afresh_and_once(monkeypatch, quick):
-    t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, origin: (0.3, 20.0 if name == "gravity_tilt" else 1.0))
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, origin: (0.3, 20.0 if name == "gravity_tilt" else 1.0), quick=quick)
     t.scaled = [h for h in t.screened.hypotheses if h.name == "gravity_tilt"]
-    t.settle(quick=quick)
+    t.settle()
     assert t.asked[0] == ("gravity_tilt", "first") and t.leader.name == "gravity_tilt"
     assert t.asked.count(("gravity_tilt", "first")) == 1
 
 
 def test_in_a_hurry_it_is_simulated_once_more_and_never_afresh(monkeypatch):
-    t = Rehearsed(monkeypatch, doubt=0.9, finds=restless())
-    t.settle(quick=True)
+    t = Rehearsed(monkeypatch, doubt=0.9, finds=restless(), quick=True)
+    t.settle()
     assert t.asked == [(FRICTION, "base"), (FRICTION, "base+")]
 
 
 @pytest.mark.parametrize("promised", [0.0, 20.0])
 def test_what_whole_recordings_promise_is_simulated_at_the_strength_that_they_ask_for(monkeypatch, promised):
     told = []
-    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (7.0, 20.0 if name == FRICTION else 1.0))
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (7.0, 20.0 if name == FRICTION else 1.0), quick=True)
     t.promised = {FRICTION: promised}
     simulate = t.simulate
     monkeypatch.setattr(t, "simulate", lambda h, start=None: told.append(h.strengths[FRICTION]) or simulate(h, start))
-    t.settle(quick=True)
+    t.settle()
     assert (told[0] == 7.0) == bool(promised)
 
 
@@ -182,7 +182,7 @@ def test_probes_are_asked_where_a_second_effect_leaves_much_too(monkeypatch, lef
     t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, _: (0.3, 20.0 if name == FRICTION else 1.0))
     monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (pair, 0.0))
     t.seconds, t.left_with_second = (beside_friction(t, 5.0),), left
-    t.settle(quick=False)
+    t.settle()
     assert t.asked[-1][0] == t.seconds[0].name and [name for name, _ in t.asked].count(t.seconds[0].name) == 1
     assert bool(t.probed) == (left > 0.5)
 
@@ -193,7 +193,7 @@ def test_probes_are_asked_where_a_second_effect_leaves_much_too(monkeypatch, lef
 )
 def test_a_second_effect_is_simulated_where_windows_and_replays_together_promise_one(monkeypatch, evidence, promised, quick, simulated):
     """At the strengths that replays ask for where they say something."""
-    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0))
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0), quick=quick)
     both = beside_friction(t, evidence)
     t.seconds = (both,)
     asked = replace(both, strengths=dict.fromkeys(both.strengths, 7.0))
@@ -201,7 +201,16 @@ def test_a_second_effect_is_simulated_where_windows_and_replays_together_promise
     told = {}
     simulate = t.simulate
     monkeypatch.setattr(t, "simulate", lambda h, start=None: told.update({h.name: h.strengths[FRICTION]}) or simulate(h, start))
-    t.settle(quick=quick)
+    t.settle()
     assert (both.name in t.after) == simulated
     if simulated:
         assert (told[both.name] == 7.0) == (promised > 0)
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_in_a_hurry_no_second_cause_is_sought(monkeypatch, quick):
+    """The verdict of a quick diagnosis had named pairs by derivatives, and simulated them."""
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0), quick=quick)
+    t.settle()
+    monkeypatch.setattr(trials, "searched", lambda named: (beside_friction(t, 5.0),))
+    assert [pair.name for pair in Trials.pairs(t)] == ([] if quick else [f"{FRICTION} + gravity_tilt"])

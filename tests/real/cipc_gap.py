@@ -51,8 +51,8 @@ def diagnosed(model: Model, data: Gathered, effects: Sequence[Effect], run: Map)
     """What the recording has that the model, in its known fabric, has not: the base is not refitted."""
     train, kept = split(data)
     found = screen(model, train, effects, iterations=0, run=run, tell=_tell)
-    trials = Trials(found, model, train, effects, run, _tell)
-    trials.settle(quick=False)
+    trials = Trials(found, model, train, effects, run, _tell, quick=False)
+    trials.settle()
     return confirmed(trials, decided(trials), kept, apart=False)
 
 

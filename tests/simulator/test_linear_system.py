@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_matrix, random_array
 
+from tasks.simulator import linear_system
 from tasks.simulator.linear_system import LinearSystem, NotPositiveDefinite, _lu
 from tasks.simulator.potential import Blocks
 
@@ -56,6 +57,14 @@ def test_solution(case):
     expected = np.linalg.solve(dense(terms, 6, system.free), b)
     for factorise in (system.factorise, _lu):
         np.testing.assert_allclose(factorise(A).solve(b), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_many_right_hand_sides_are_solved_for_in_turn(case, monkeypatch):
+    system, terms = case
+    A = system.assemble(terms)
+    b = np.random.default_rng(1).normal(size=(system.size, 11))
+    monkeypatch.setattr(linear_system, "AT_ONCE", 4)
+    np.testing.assert_allclose(system.factorise(A).solve(b), np.linalg.solve(dense(terms, 6, system.free), b), rtol=1e-9, atol=1e-12)
 
 
 def test_indefinite_matrices_are_refused(case):
