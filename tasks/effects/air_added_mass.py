@@ -14,15 +14,14 @@ of the added momentum's direction is left out.
 
 from collections.abc import Sequence
 
-import numpy as np
 from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
-from tasks.effects.faces_in_air import PlatesTerm, across, outer, turn_across
+from tasks.effects.faces_in_air import SquareAcross
 from tasks.simulator.potential import Array, Potential, Step, StepTangent
 
 
-class AddedMass(PlatesTerm):
+class AddedMass(SquareAcross):
     """φ = ½ (a·n)², r being the acceleration."""
 
     @override
@@ -36,23 +35,6 @@ class AddedMass(PlatesTerm):
     @override
     def origin_tangent(self, step: Step, d: StepTangent) -> Array:
         return d.x_hat + step.s * d.v_hat
-
-    @override
-    def density(self, r: Array, n: Array) -> Array:
-        return across(r, n) ** 2 / 2
-
-    @override
-    def slope(self, r: Array, n: Array) -> Array:
-        return across(r, n)[:, None] * n
-
-    @override
-    def curvature(self, r: Array, n: Array, *, convex: bool) -> Array:
-        return outer(np.ones(len(n)), n)
-
-    @override
-    def turn(self, r: Array, n: Array) -> Array:
-        a = across(r, n)
-        return turn_across(r, n, a, np.ones_like(a))
 
 
 class AirAddedMass(Effect):

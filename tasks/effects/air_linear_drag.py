@@ -12,33 +12,11 @@ Limits: still air; the permeability of the cloth does not change with its stretc
 
 from collections.abc import Sequence
 
-import numpy as np
 from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
-from tasks.effects.faces_in_air import PlatesTerm, across, outer, turn_across
-from tasks.simulator.potential import Array, Potential
-
-
-class LinearDrag(PlatesTerm):
-    """φ = ½ (v·n)²."""
-
-    @override
-    def density(self, r: Array, n: Array) -> Array:
-        return across(r, n) ** 2 / 2
-
-    @override
-    def slope(self, r: Array, n: Array) -> Array:
-        return across(r, n)[:, None] * n
-
-    @override
-    def curvature(self, r: Array, n: Array, *, convex: bool) -> Array:
-        return outer(np.ones(len(n)), n)
-
-    @override
-    def turn(self, r: Array, n: Array) -> Array:
-        u = across(r, n)
-        return turn_across(r, n, u, np.ones_like(u))
+from tasks.effects.faces_in_air import SquareAcross
+from tasks.simulator.potential import Potential
 
 
 class AirLinearDrag(Effect):
@@ -52,7 +30,7 @@ class AirLinearDrag(Effect):
 
     @override
     def potentials(self, subject: Subject, θ: Sequence[float]) -> tuple[Potential, ...]:
-        return (LinearDrag(subject, self.name, θ[0]),)
+        return (SquareAcross(subject, self.name, θ[0]),)
 
 
 EFFECT = AirLinearDrag()

@@ -163,6 +163,27 @@ class PlatesTerm(Potential):
         return self.air.mean(x - self.origin(step)) / self.scale(step), n, self.areal_density * A
 
 
+class SquareAcross(PlatesTerm):
+    """φ = ½ (r·n)²."""
+
+    @override
+    def density(self, r: Array, n: Array) -> Array:
+        return across(r, n) ** 2 / 2
+
+    @override
+    def slope(self, r: Array, n: Array) -> Array:
+        return across(r, n)[:, None] * n
+
+    @override
+    def curvature(self, r: Array, n: Array, *, convex: bool) -> Array:
+        return outer(np.ones(len(n)), n)
+
+    @override
+    def turn(self, r: Array, n: Array) -> Array:
+        u = across(r, n)
+        return turn_across(r, n, u, np.ones_like(u))
+
+
 def across(r: Array, n: Array) -> Array:
     """The part of r along the normals n: r·n [F]."""
     return np.einsum("fi,fi->f", r, n)
