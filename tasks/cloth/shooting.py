@@ -1,6 +1,6 @@
 """Multiple shooting: each window is simulated from a start state of its own and compared with what was observed.
 
-Source: Bock 1983; Bock, Kostina & Schlöder 2007. The start state is not fitted but marginalised (`nuisances.py`).
+Source: as `windows.py`. The start state is not fitted but marginalised (`nuisances.py`).
 """
 
 from collections.abc import Callable, Iterable, Mapping

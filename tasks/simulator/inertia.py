@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from typing_extensions import override
 
@@ -75,17 +74,4 @@ class Inertia(Potential):
 
     @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array:
-        if self.stencils.shape[1] == 1:
-            return _lumped_history(self._diagonal, d.x_hat, d.v_hat, step.s)
         return -self.times(d.x_hat + step.s * d.v_hat) / step.s**2
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _lumped_history(mass, x_hat, v_hat, s):
-    """−m (dx̂ + s dv̂)/s² [P, V, 3], without the temporaries that many columns would cost more than the arithmetic."""
-    out = np.empty_like(x_hat)
-    for p in range(x_hat.shape[0]):
-        for v in range(x_hat.shape[1]):
-            for c in range(3):
-                out[p, v, c] = -(mass[v] * (x_hat[p, v, c] + s * v_hat[p, v, c])) / s**2
-    return out

@@ -76,9 +76,7 @@ class Tangents:
         for potential in problem.potentials:
             potential.accept_tangent(x, step, dx, d, self.names)
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
-        dv = dx - hat_x
-        dv /= step.s
-        self.dx, self.dv, self.dc = dx, dv, dc
+        self.dx, self.dv, self.dc = dx, (dx - hat_x) / step.s, dc
 
     def _forces(self, x: Array, step: Step, d: StepTangent) -> Array:
         """−∂²P/∂x∂θ − ∂∇P/∂(history)·d [P, V, 3]."""
