@@ -36,9 +36,15 @@ def of(
     from flows.submission import Submission
     from storage_schemas.gap import Gap
 
-    submission = Submission.prepare(actor, sequence, until="gap", overrides=set_, store=store, console=Console(stderr=True))
-    found = submission.store.open(submission.run().artifacts["gap"], Gap).verdict
-    return _tell(found, json_)
+    messages = Console(stderr=True)
+    submission = Submission.prepare(actor, sequence, until="gap", overrides=set_, store=store, console=messages)
+    ref = submission.run().artifacts["gap"]
+    found = submission.store.open(ref, Gap)
+    if "gap.html" in found.files:
+        messages.print(
+            f"what it rests on: {submission.store.folder(ref) / 'files/gap.html'}", soft_wrap=True, markup=False, highlight=False
+        )
+    return _tell(found.verdict, json_)
 
 
 @app.command

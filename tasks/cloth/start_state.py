@@ -16,8 +16,7 @@ kept that noise does not make:
     D = D₂ + k_φ P d + k (1 − P) d,      k = max(0, 1 − σ² Σ w²/mean d²)      per frame, w: weights of the frames in d
 
 P: the harmonic continuation of the driven nodes' motion, and what φ hold of the rest. K modes hold K/V of white noise. Errors that are as
-smooth as
-φ do little harm: they are marginalised.
+smooth as φ do little harm: they are marginalised.
 
 What the tracker does to cloth (`Model.observed`) is taken back first.
 

@@ -4,8 +4,10 @@ Where is told of all garments; the cause is sought on the largest, whose motion 
 part of the base, at the strengths fitted, and no suspects.
 """
 
+import json
 import os
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +25,13 @@ from tasks.cloth.worn_scene import worn_scene
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library, suspects
 from tasks.effects.model import Model
+from tasks.gap.account import account, as_json
 from tasks.gap.answer import answer
 from tasks.gap.diagnosis import diagnose
 from tasks.gap.residual import weft_direction, where
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
+from tasks.report.gap_page import gap_page
 from tasks.simulator import Fabric, Settings
 from tasks.stage import Folder, Job, Parameters, stage
 
@@ -42,7 +46,7 @@ class GapParameters(Parameters):
     limit_s: float = 600.0
 
 
-@stage("gap", version=1, pool="simulation", timeout_s=4 * 3600, spreads=True)
+@stage("gap", version=2, pool="simulation", timeout_s=4 * 3600, spreads=True)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
@@ -64,6 +68,7 @@ def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, clot
         weft=weft,
         fps=capture.fps,
     )
+    verdict, files = _diagnosed(job, capture, tracking, body, cloth, zone, parameters)
     return Gap(
         residual=found.residual.astype(np.float32),
         residual_mm=(1e3 * np.linalg.norm(found.residual, axis=-1)).astype(np.float32),
@@ -71,14 +76,17 @@ def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, clot
         zone_of_vertex=zone,
         tables={"zones": found.by_zone, "directions_mm": found.by_direction, "bands": found.by_band, "frame_mm": found.frame_mm.tolist()},
         floor_mm=found.floor_mm,
-        verdict=_diagnosed(job, capture, tracking, body, cloth, zone, parameters),
+        verdict=verdict,
+        files=files,
     )
 
 
 def _diagnosed(
     job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
-) -> dict:
-    """The answer on the largest garment, in the form that `physavatar gap run --json` prints; `garment` names it."""
+) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """The answer on the largest garment, in the form that `physavatar gap run --json` prints, `garment` names it; and the files of what it
+    rests on.
+    """
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
     worn = garments(tracking.vertices.astype(float), tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
     garment = max(worn, key=lambda g: len(g.index))
@@ -96,8 +104,12 @@ def _diagnosed(
             run=job.spread(pool.map, cores),
             tell=lambda text: job.progress(1 - 0.85 ** next(steps), text),
         )
-    told = answer(found, seconds=None)  # the same input gives the same artifact; how long it took stands in the provenance
-    return {"garment": garment.name, **told}
+    # the same input gives the same artifact; how long it took stands in the provenance
+    told = {"garment": garment.name, **answer(found, seconds=None)}
+    evidence = account(found, [recording])
+    page = gap_page(told, found, evidence, title=f"{job.actor} · {job.sequence}: {garment.name}", subtitle="Gap diagnosis")
+    numbers = json.dumps(told | {"evidence": as_json(evidence, found)}, indent=1, allow_nan=False)
+    return told, {"gap.html": page.encode(), "gap.json": numbers.encode()}
 
 
 def _subject(

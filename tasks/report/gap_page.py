@@ -7,6 +7,7 @@ import numpy as np
 
 from tasks.gap.account import Account, Splits
 from tasks.gap.confusability import SHOWN
+from tasks.gap.constancy import Constancy
 from tasks.gap.diagnosis import Diagnosis
 from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
@@ -25,7 +26,7 @@ def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: 
             _motion(told),
             _ranking(found),
             _confusability(told),
-            *([_constancy(told)] if told.constancy else []),
+            *([constancy_section(told.constancy, told.rivals)] if told.constancy else []),
             *([_kept(answer, found, told)] if told.stretches else []),
         ]
     return page(title, subtitle, answer["verdict"]["sentence"], [*sections, _next(answer)])
@@ -155,28 +156,34 @@ def _confusability(told: Account) -> Section:
     return Section("What this recording can tell apart", words, figures=[_plot(figures.confusability_matrix(c), caption)])
 
 
-def _constancy(told: Account) -> Section:
-    rows = []
-    for name, own in told.rivals.items():
-        w, s = own["window"], own["speed"]
-        rows.append([name, w.scatter, s.scatter, *(float(m) for m in s.multiples)])
-    speeds = next(iter(told.rivals.values()))["speed"].places
-    table = (
-        Table(["effect alone", "scatter by window √(Q/dof)", "by speed", *(f"multiple, {p}" for p in speeds)], rows)
-        if rows and _same(told)
-        else None
-    )
+def constancy_section(named: dict[str, dict[str, Constancy]], rivals: dict[str, dict[str, Constancy]]) -> Section:
+    """The multiples that parts of the recording ask for: grouping -> effect of what is named, effect -> grouping of what else leads."""
     words = [
         "A right name has one strength everywhere; a wrong one drifts. Model error makes Q larger than its degrees of freedom for every name: "
         "the name whose scatter is least is the most constant."
     ]
+    found = {grouping: own for grouping, own in named.items() if any(c.places for c in own.values())}
+    if missing := [grouping for grouping in named if grouping not in found]:
+        words.append(f"Too few windows to tell by {' or '.join(missing)}.")
     caption = "The multiple of the strength found that each part of the recording asks for, with 90 % intervals."
-    return Section("Is the strength a constant?", words, [table] if table else [], [_plot(figures.constancy(told.constancy), caption)])
+    pictures = [_plot(figures.constancy(found), caption)] if found else []
+    return Section("Is the strength a constant?", words, [_scatters(rivals)] if rivals else [], pictures)
 
 
-def _same(told: Account) -> bool:
-    """Whether all rivals were found at the same speeds."""
-    return len({own["speed"].places for own in told.rivals.values()}) == 1
+def _scatters(rivals: dict[str, dict[str, Constancy]]) -> Table:
+    """Of every effect alone √(Q/dof) by window and by speed, as far as there are windows enough, and its multiples where all have the same speeds."""
+    told = [g for g in ("window", "speed") if any(own[g].places for own in rivals.values())]
+    same = {own["speed"].places for own in rivals.values()}
+    speeds = same.pop() if len(same) == 1 else ()
+    rows = [
+        [name, *(_finite(own[g].scatter) for g in told), *(map(float, own["speed"].multiples) if speeds else ())]
+        for name, own in rivals.items()
+    ]
+    return Table(["effect alone", *(f"scatter by {g}, √(Q/dof)" for g in told), *(f"multiple, {p}" for p in speeds)], rows)
+
+
+def _finite(x: float) -> float | None:
+    return x if np.isfinite(x) else None
 
 
 def _kept(answer: dict[str, Any], found: Diagnosis, told: Account) -> Section:

@@ -25,10 +25,11 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """One heading and what stands below it."""
+    """One heading and what stands below it; links: words and the bare name of a file beside the page."""
 
     heading: str
     paragraphs: Sequence[str] = ()
+    links: Sequence[tuple[str, str]] = field(default=(), kw_only=True)
     tables: Sequence[Table] = ()
     figures: Sequence[Figure] = ()
     warnings: Sequence[str] = field(default=())

@@ -24,9 +24,12 @@ def data_uri(image: Image, *, quality: int = 82) -> str:
 
 
 def figure_uri(figure: object) -> str:
-    """A matplotlib figure as SVG text."""
+    """A matplotlib figure as SVG text; the same figure gives the same bytes."""
+    import matplotlib
+
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None})
+    with matplotlib.rc_context({"svg.hashsalt": "physavatar"}):  # else every id in it is drawn anew
+        figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 

@@ -35,7 +35,7 @@ class ReportParameters(Parameters):
     stages: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
-@stage("report", version=2, pool="rendering", timeout_s=1800)
+@stage("report", version=3, pool="rendering", timeout_s=1800)
 def report(
     job: Job,
     capture: Capture,
@@ -53,7 +53,7 @@ def report(
     view = _View.of(capture, job, len(cloth.simulated) - 1 if cloth else len(capture.frame_numbers) - 1)
     found = [
         *([sections.truth_section(parameters.scores)] if parameters.scores else []),
-        *([sections.cause_section(gap.verdict), _gap(view, cloth, gap, capture.fps)] if gap else []),
+        *([sections.cause_section(gap.verdict, gap.files), _gap(view, cloth, gap, capture.fps)] if gap else []),
         *([sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings)] if cloth else []),
         *([_tracking(view, tracking)] if tracking else []),
         *([_body(view, registration or body, capture)] if body else []),
@@ -70,7 +70,8 @@ def report(
         "scores": parameters.scores,
         "endings": cloth.endings if cloth else [],
     }
-    return Report(files={"report.html": html.encode(), "summary.json": json.dumps(summary, indent=1).encode()}, summary=summary)
+    files = {"report.html": html.encode(), "summary.json": json.dumps(summary, indent=1).encode()}
+    return Report(files=files | (gap.files if gap else {}), summary=summary)
 
 
 @dataclass(frozen=True)

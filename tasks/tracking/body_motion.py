@@ -3,8 +3,8 @@
 x_t = q_t + R_t R_0ᵀ (x_0 − q_0)
 
 with q the point of the body's surface closest to x in frame 0, followed as a point of its face, and R the face's frame (first edge,
-normal). In frame 0 this is
-the template itself, whatever the offset between body and skin. Cloth is not predicted (NaN): it goes on by constant velocity.
+normal). In frame 0 this is the template itself, whatever the offset between body and skin. Cloth is not predicted (NaN): it goes on by
+constant velocity.
 
 Source: PhysAvatar §3.2 starts body vertices where the body model carries them (by the ten nearest body vertices; here by the closest
 surface point).

@@ -1,16 +1,14 @@
 """How far a tracked vertex may be off: the posterior of the linearised problem.
 
 Near the minimum the energy is ½ (x − x̂)ᵀ H (x − x̂) with H = JᵀWJ of all terms, so x ~ N(x̂, H⁻¹): image noise through the photometric
-rows, and the ISO and normal
-terms as what is known beforehand of the shape. The standard deviation per coordinate of vertex v is √(tr (H⁻¹)_vv/3).
+rows, and the ISO and normal terms as what is known beforehand of the shape. The standard deviation per coordinate of vertex v is
+√(tr (H⁻¹)_vv/3).
 
-The diagonal blocks of H⁻¹ are estimated from N samples x = Pᵀ L⁻ᵀ z, z ~ N(0, I), of the Cholesky factor PHPᵀ = LLᵀ: 3N squares per
-vertex, relative
-standard error 1/√(6N). Samples are drawn from a fixed seed.
+The diagonal blocks of H⁻¹ are estimated from N samples x = Pᵀ L⁻ᵀ z, z ~ N(0, I), of the Cholesky factor PHPᵀ = LLᵀ: 3N squares per vertex,
+relative standard error 1/√(6N). Samples are drawn from a fixed seed.
 
 Source: Gaussian approximation at the optimum (Triggs et al. 2000, Bundle adjustment, §8). Limits: it counts neither wrong correspondence
-nor changed shading;
-`Settings.noise_calibration` scales it to observed errors.
+nor changed shading; `Settings.noise_calibration` scales it to observed errors.
 """
 
 import numpy as np

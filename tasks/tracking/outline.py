@@ -3,17 +3,15 @@
 P(x) = Σ_k Σ_q ½ log(1 + (d_k(π_k(x_q))/σ)²)
 
 over the pixels q of the z-buffer that lie on the rim of what the surface covers, each the point x_q = Σ_i b_i x_i of its face; d is the
-signed
-distance to the outline of camera k's mask [px], positive inside. Rims that the mask does not show (an arm before the chest) are not in
-the sum. Rim
-points are found anew with every look at what is visible and held fixed in between, as is the Cauchy loss's σ = max(σ_outline, blur).
+signed distance to the outline of camera k's mask [px], positive inside. Rims that the mask does not show (an arm before the chest) are not
+in the sum. Rim points are found anew with every look at what is visible and held fixed in between, as is the Cauchy loss's σ =
+max(σ_outline, blur).
 
 The photometric term alone leaves a surface that has shrunk into its own picture where it is: all that it covers has the right colour.
 This term does not.
 
 Source: outlines in performance capture, e.g. Vlasic et al. (2008), Articulated mesh animation from multi-view silhouettes, §5. Limits: a
-rim point is led to
-the nearest outline, which may belong to another limb; the loss forgives those that are far.
+rim point is led to the nearest outline, which may belong to another limb; the loss forgives those that are far.
 """
 
 from dataclasses import dataclass

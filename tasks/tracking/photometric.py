@@ -6,9 +6,8 @@ with a the facing cosine, or 0 where the sample is hidden (visibility.py), both 
 1/(σ_c²(1 + (r/σ_c)²)). Row of the Jacobian: b_si ∇I · ∂π/∂x, with u = f_x p₀/p₂ + c_x and p = Rx + t.
 
 Samples closer to one another than the blur see the same pixels. η = min(1, A/(4πσ_b²)) counts them once: A is the mean area of a sample
-[px²], σ_b the
-blur and 4πσ_b² the area over which a Gaussian blur leaves one independent value. Without it coarse levels are believed a hundred times
-too much.
+[px²], σ_b the blur and 4πσ_b² the area over which a Gaussian blur leaves one independent value. Without it coarse levels are believed a
+hundred times too much.
 
 Source: surface-sample form of the image term of PhysAvatar §3.2 (which splats Gaussians); Cauchy weights after Black & Rangarajan (1996).
 Limits: no gradient through occlusion edges (the outline acts through the blurred mask), and shading that changes is not modelled.

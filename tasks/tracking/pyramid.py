@@ -1,15 +1,13 @@
 """Blurred images of one instant, all cameras, with the mask as fourth channel.
 
-Level σ holds G_σ * (R, G, B, mask), sampled every s = 2^⌊log₂(σ/2)⌋ pixels (at least 1): boxes of s × s pixels are averaged, then
-blurred. Pixel (i, j) covers
-[i, i + 1) × [j, j + 1), so a point at u in the image is at u/s in its level.
+Level σ holds G_σ * (R, G, B, mask), sampled every s = 2^⌊log₂(σ/2)⌋ pixels (at least 1): boxes of s × s pixels are averaged, then blurred.
+Pixel (i, j) covers [i, i + 1) × [j, j + 1), so a point at u in the image is at u/s in its level.
 
 `look_up` reads a level by uniform cubic B-splines: twice differentiable, its gradient is the derivative of its value. The spline and
 the box blur too (variances 1/3 and (1 − s⁻²)/12 of a level's squared pixel); the Gaussian makes up the rest of σ².
 
 Colours are premultiplied by the mask: what is behind the actor is black in every view. Images of distorted cameras are first resampled to
-the
-distortion-free camera with the same K.
+the distortion-free camera with the same K.
 """
 
 from collections.abc import Callable

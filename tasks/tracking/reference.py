@@ -1,13 +1,11 @@
 """The colours of the surface samples, taken once, from frame 0, and never updated: nothing accumulates.
 
 m is the mean over the cameras that see the sample from its better seen side, weighted by the facing cosine. At fine blur every camera
-expects m. At coarse blur
-(more than 2 px) a camera that saw the sample expects ½ own + ½ m, because strong blur mixes in neighbours that depend on the view.
-Samples that no camera saw in frame 0 are left out for good.
+expects m. At coarse blur (more than 2 px) a camera that saw the sample expects ½ own + ½ m, because strong blur mixes in neighbours that
+depend on the view. Samples that no camera saw in frame 0 are left out for good.
 
 With `gain`, each camera's colour is first brought to the common one by c ↦ (c − offset)/gain, both from frame 0 by least squares on what
-several cameras
-see, with mean gain 1 and mean offset 0 (the colours of the rig as a whole are not observable).
+several cameras see, with mean gain 1 and mean offset 0 (the colours of the rig as a whole are not observable).
 """
 
 from dataclasses import dataclass, replace

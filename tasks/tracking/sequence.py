@@ -1,8 +1,7 @@
 """Track a sequence frame by frame: reference colours from frame 0, start by prediction or constant velocity, one fit per frame.
 
 Start of frame t: x_{t−1} + (p_t − p_{t−1}) where a prediction p is given (skin carried by the fitted body), else 2x_{t−1} − x_{t−2}. A
-vertex
-whose prediction is NaN in one of the two frames moves on by constant velocity.
+vertex whose prediction is NaN in one of the two frames moves on by constant velocity.
 
 Resuming from the state after any frame gives the same bits as an uninterrupted run: the state is the last two frames, everything else
 comes from frame 0.
@@ -83,9 +82,9 @@ def track_sequence(
     """Follow the template [V, 3] m, faces [F, 3] (the surface in frame 0) through `frames` frames of calibrated images.
 
     images(frame, camera) -> [height, width, 3]; masks likewise [height, width] or None; part [F] names ("body" is skin, all else cloth);
-    prediction [T, V, 3] m, NaN
-    where there is none; occluder (vertices [T, C, 3] m, faces [G, 3]) hides samples without being tracked; `start` resumes after its frame;
-    `on_frame` is called after each frame with what was found and with the state to resume from. Raises BadInput.
+    prediction [T, V, 3] m, NaN where there is none; occluder (vertices [T, C, 3] m, faces [G, 3]) hides samples without being tracked;
+    `start` resumes after its frame; `on_frame` is called after each frame with what was found and with the state to resume from. Raises
+    BadInput.
     """
     settings = settings or Settings()
     part = np.full(len(faces), "garment") if part is None else np.asarray(part)

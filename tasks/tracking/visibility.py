@@ -1,8 +1,7 @@
 """Which camera sees which sample, from z-buffers of the present surface and of an optional occluder.
 
 A sample is compared at the centre of the buffer's pixel it falls into, with the depth that the plane of its own face has there, so that
-slanted
-faces need no slack. It counts as seen if it lies no further behind the buffer than a tolerance:
+slanted faces need no slack. It counts as seen if it lies no further behind the buffer than a tolerance:
 
 - τ (a share of the mean edge) behind cloth or skin of its own layer;
 - the layer tolerance, for cloth behind skin: cloth is worn outside, so there it is the tracking that is wrong;

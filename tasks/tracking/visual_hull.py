@@ -6,14 +6,11 @@ the zero set of the field
 φ(x) = min_k d_k(π_k(x)) z_k(x)/f_k   [m, positive inside]
 
 with d_k the signed distance to the mask's outline in pixels, so that marching cubes places the surface between grid points. The largest
-piece is
-smoothed (Taubin 1995: λ, then μ, no shrinkage), brought to the wanted number of vertices by collapsing shortest edges, and its triangles
-are evened out by
-moving vertices towards their neighbours' mean and back onto the surface.
+piece is smoothed (Taubin 1995: λ, then μ, no shrinkage), brought to the wanted number of vertices by collapsing shortest edges, and its
+triangles are evened out by moving vertices towards their neighbours' mean and back onto the surface.
 
 Source: Laurentini (1994), The visual hull concept. Limits: hollows that no outline shows are filled (under arms, between folds), the body
-and its clothes
-are one piece without names, and colours are not used: photometric refinement of the hull is not built.
+and its clothes are one piece without names, and colours are not used: photometric refinement of the hull is not built.
 """
 
 import numpy as np

@@ -54,8 +54,17 @@ def test_every_stage_runs_and_the_report_stands_alone(small):
     assert "Against the truth" in page
     assert "Not testable" in page  # eight frames are too few windows
     assert "Which effect is missing" in page
+    assert 'href="gap.html"' in page and 'href="gap.json"' in page
     assert "<script" not in page
     assert 'src="http' not in page
+
+
+def test_what_the_verdict_rests_on_lies_beside_the_page(small):
+    _, ended = small
+    beside = Path(ended["report"]).parent
+    numbers = json.loads((beside / "gap.json").read_text())
+    assert numbers["verdict"]["kind"] == "not_testable" and "evidence" in numbers
+    assert numbers["verdict"]["sentence"] in (beside / "gap.html").read_text()
 
 
 def test_a_second_submit_computes_nothing(small):

@@ -1,13 +1,18 @@
-"""The heat map of the gap, read back from the page: what was never seen is grey, not without error."""
+"""The pages: what was never seen is grey, not without error; evidence is linked where it lies; plots are the same bytes every time."""
 
 import base64
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from tasks.gap.constancy import Constancy, cochran
 from tasks.geometry.cameras import Cameras
-from tasks.report.sections import gap_section
+from tasks.report.gap_page import constancy_section
+from tasks.report.page import page
+from tasks.report.pictures import figure_uri
+from tasks.report.sections import cause_section, gap_section
 
 TABLES = {"zones": [], "directions_mm": {}, "bands": [], "frame_mm": [1.0, 1.0]}
 
@@ -44,3 +49,41 @@ def test_a_gap_of_which_nothing_was_seen_is_drawn_all_the_same():
     colour, caption = shown(np.full((2, 4), np.nan))
     assert colour == pytest.approx(128, abs=6)
     assert "yellow 0.0 mm" in caption
+
+
+def test_the_evidence_is_linked_where_it_lies_beside_the_page():
+    answer = {"ranking": [], "verdict": {"kind": "none"}, "where": {"zones": []}, "garment": "skirt", "record_next": "a turn"}
+    linked = page("ann", "one", "none", [cause_section(answer, ("gap.html",))])
+    assert 'href="gap.html"' in linked and "gap.json" not in linked
+    assert "href" not in page("ann", "one", "none", [cause_section(answer, ())])  # an artifact of before there was any
+
+
+def test_the_same_plot_gives_the_same_bytes():
+    """Else the same diagnosis would be another artifact every time."""
+
+    def plotted():
+        canvas = Figure()
+        canvas.add_subplot().plot([0, 1], [1, 0], clip_on=True)
+        return figure_uri(canvas)
+
+    assert plotted() == plotted()
+
+
+def constancy(places, multiples):
+    m = np.array(multiples, float)
+    return Constancy(places, m, np.full(len(m), 0.1), *cochran(m, np.full(len(m), 0.1)))
+
+
+def test_too_few_windows_for_a_grouping_are_said_not_drawn():
+    """By hand: multiples 1 and 1.2, each ± 0.1, have Q = 2 on one degree of freedom."""
+    windows, nothing = constancy(("1", "2"), [1.0, 1.2]), constancy((), [])
+    short = constancy_section({"window": {"wind": windows}, "speed": {"wind": nothing}}, {"wind": {"window": windows, "speed": nothing}})
+    assert short.paragraphs[-1] == "Too few windows to tell by speed."
+    (table,) = short.tables
+    assert table.columns == ["effect alone", "scatter by window, √(Q/dof)"] and table.rows == [["wind", pytest.approx(2**0.5)]]
+    assert len(short.figures) == 1
+    whole = constancy_section(
+        {"window": {"wind": windows}}, {"wind": {"window": windows, "speed": constancy(("slow", "fast"), [1.0, 0.5])}}
+    )
+    assert whole.tables[0].columns[2:] == ["scatter by speed, √(Q/dof)", "multiple, slow", "multiple, fast"]
+    assert len(whole.paragraphs) == 1 and whole.tables[0].rows[0][3:] == [1.0, 0.5]

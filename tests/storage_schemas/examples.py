@@ -127,6 +127,7 @@ def examples() -> dict[str, Record]:
             tables={"hem": {"normal": 3.0}},
             floor_mm=1.0,
             verdict={"version": 1, "verdict": {"kind": "none"}},
+            files={"gap.html": b"<p>none</p>", "gap.json": b"{}"},
         ),
         Report(files={"report.html": b"<p>gap 3 mm</p>", "plot.png": b"\x89PNG"}, summary={"before_mm": 3}),
     ]
