@@ -45,7 +45,7 @@ def show(store: Store, stage: Stage, ref: ArtifactRef, done: Mapping[str, Artifa
     kind, draw = stage.writes, DRAWN.get(stage.writes)
     try:
         if kind is Gap:
-            _show_verdict(ref, store.open(ref, Gap))
+            _show_verdict(store, ref)
         elif kind is Report:
             _show_report(store, ref)
         elif draw is not None:
@@ -120,11 +120,15 @@ DRAWN: dict[type[Record], Callable] = {
 }
 
 
-def _show_verdict(ref: ArtifactRef, gap: Gap) -> None:
+def _show_verdict(store: Store, ref: ArtifactRef) -> None:
+    gap = store.open(ref, Gap)
     rows = "\n".join(
         f"| {', '.join(row['class'])} | {row['probability']:.0%} |" for row in gap.verdict["ranking"][:5] if row["probability"]
     )
     text = f"{gap.verdict['verdict']['sentence']}\n\n| cause | probability |\n|---|---|\n{rows}"
+    if "gap.html" in gap.files:
+        page = store.folder(ref) / "files" / "gap.html"
+        text += f"\n\n[What it rests on]({page.as_uri()}), `{page}`"
     said = f"{ref.actor} {ref.sequence}: verdict"
     create_markdown_artifact(text, key=artifact_name(ref.actor, ref.sequence, "verdict"), description=said)
 

@@ -81,6 +81,7 @@ def test_the_verdict_is_told_in_its_own_words(shown):
     show("gap")
     (((text,), more),) = said["markdown"]
     assert SENTENCE in text and "| air_normal_drag | 97% |" in text
+    assert re.search(r"\[What it rests on\]\(file:///.*/files/gap.html\), `/", text)
     assert more["key"] == "ann-one-verdict"
 
 
