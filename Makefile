@@ -33,4 +33,4 @@ bench: setup           ## make bench NAME=simulator [JSON=1] [QUICK=1]
 	$(RUN)python -m tests.benchmarks.$(NAME)
 
 lint: setup
-	$(RUN)ruff check . && $(RUN)ruff format --check . && $(RUN)lint-imports
+	$(RUN)ruff check . && $(RUN)ruff format --check . && $(RUN)lint-imports && $(RUN)basedpyright --pythonpath $(RUN)python

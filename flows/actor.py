@@ -4,11 +4,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+from flows.line import present
 from flows.orphans import end_orphaned_servers
 from flows.request import Request, run_stage
 from flows.runs import RunRecord
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
+from tasks.stage import Stage
 
 
 def run_actor(request: Request, store: Store, record: RunRecord) -> dict[str, ArtifactRef]:
@@ -19,7 +21,12 @@ def run_actor(request: Request, store: Store, record: RunRecord) -> dict[str, Ar
 
     @flow(name="actor", flow_run_name=f"{request.actor} {request.sequence}", log_prints=False, validate_parameters=False)
     def actor(actor: str, sequence: str) -> dict[str, Any]:
-        done = request.line.walk(request.until, lambda stage, inputs, done: run_stage(request, store, record, stage, inputs, done))
+        def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef:
+            ready = present(inputs)
+            assert ready is not None  # every stage before this one has run
+            return run_stage(request, store, record, stage, ready, done)
+
+        done = request.line.walk(request.until, bring)
         return {name: ref.model_dump(mode="json") for name, ref in done.items()}
 
     finished = actor(request.actor, request.sequence)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from tasks.export.surface import Surface
 from tasks.recorded import cameras_of
 from tasks.skinning.linear_blend import repose
 
+R = TypeVar("R", bound=Record)
 FORMATS = ("glb", "npz", "ply", "obj", "mp4")
 
 
@@ -34,13 +36,14 @@ class Avatar:
     def __init__(self, store: Store, actor: str, sequence: str) -> None:
         self.store, self.lineage = store, Lineage(store, actor, sequence)
 
-    def open(self, schema: type[Record]) -> Record:
+    def open(self, schema: type[R]) -> R:
         """The artifact of this schema."""
         return self.store.open(self.lineage.artifact(schema.schema_name), schema)
 
     def motion(self) -> tuple[np.ndarray, Tracking, Cloth]:
         """The surface with simulated garments and skinned body [T, V, 3] m, over the simulated frames."""
-        tracking, cloth, skinning, body = (self.open(s) for s in (Tracking, Cloth, Skinning, Registration))
+        tracking, cloth = self.open(Tracking), self.open(Cloth)
+        skinning, body = self.open(Skinning), self.open(Registration)
         frames = len(cloth.simulated)
         x = repose(skinning.rest_vertices.astype(float), skinning.weights.astype(float), body.transforms[:frames].astype(float))
         x[:, cloth.vertices_index] = cloth.simulated
@@ -63,7 +66,8 @@ def _texture(avatar: Avatar) -> np.ndarray:
 
 
 def _glb(avatar: Avatar, folder: Path) -> list[Path]:
-    body, skinning, tracking, cloth = (avatar.open(s) for s in (Registration, Skinning, Tracking, Cloth))
+    body, skinning = avatar.open(Registration), avatar.open(Skinning)
+    tracking, cloth = avatar.open(Tracking), avatar.open(Cloth)
     T = body.transforms[0].astype(float)
     at_rest = np.linalg.solve(T, np.concatenate([body.joints[0].astype(float), np.ones((55, 1))], 1)[..., None])[:, :3, 0]
     garments = [
@@ -86,7 +90,8 @@ def _glb(avatar: Avatar, folder: Path) -> list[Path]:
 
 def _npz(avatar: Avatar, folder: Path) -> list[Path]:
     """The tracked garments in the interchange format that `physavatar gap` reads."""
-    tracking, body, cloth, capture = (avatar.open(s) for s in (Tracking, Registration, Cloth, Capture))
+    tracking, body = avatar.open(Tracking), avatar.open(Registration)
+    cloth, capture = avatar.open(Cloth), avatar.open(Capture)
     frames, own = len(cloth.simulated), cloth.vertices_index
     more = {
         "collider_vertices": body.vertices[:frames],

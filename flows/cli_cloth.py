@@ -119,7 +119,7 @@ def _show(found: Cloth, console: Console) -> None:
     for name, e in found.parameters["garment"].items():
         table.add_row(name, *("–" if e[k] is None else f"{e[k]:.3g}" for k in ("value", "low", "high")), e["unit"])
         if e["value"] is None:
-            doubts.append(f"{name}: {e['sentence']}")
+            doubts.append(f"{name}: {e.get('sentence', 'this recording does not tell')}")
     console.print(table)
     known = found.knowledge["garment"]
     sentences = [known[k]["sentence"] for k in ("half_step", "other_boundary") if k in known]

@@ -57,16 +57,20 @@ class _Places(BaseSettings):
         return dataset
 
     @classmethod
-    def settings_customise_sources(cls, settings_cls: type, **sources: PydanticBaseSettingsSource) -> tuple:
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Flags and TOML come merged as arguments to the constructor; the environment lies between them (see `load`)."""
-        return (sources["init_settings"],)
+        return (init_settings,)
 
 
-Settings = create_model(
-    "Settings",
-    __base__=_Places,
-    **{name: (stage.parameters, Field(default_factory=stage.parameters)) for name, stage in STAGES.items()},
-)
+_TABLES: dict[str, Any] = {name: (stage.parameters, Field(default_factory=stage.parameters)) for name, stage in STAGES.items()}
+Settings = create_model("Settings", __base__=_Places, **_TABLES)
 
 
 def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Mapping[str, Any] | None = None) -> Any:
@@ -146,7 +150,7 @@ def _explain(file: str, problem: Any) -> Fault:
             f"setting {path}", f"{problem['msg']} (got {problem['input']!r})", f"Correct it in {file}, the environment or the flag."
         )
     *tables, name = problem["loc"]
-    table = Settings.model_fields[str(tables[0])].annotation if tables else Settings
+    table: Any = Settings.model_fields[str(tables[0])].annotation if tables else Settings
     known = list(table.model_fields)
     near = difflib.get_close_matches(str(name), known, 1)
     return Fault(

@@ -189,7 +189,7 @@ def sealed_seed(seed: int, root: Path = ROOT) -> int:
     return int.from_bytes(hashlib.sha256(f"{version(root)} {seed}".encode()).digest()[:8], "big") >> 1
 
 
-def folder_name(seed: int, split: Split, engine: Engine) -> str:
+def folder_name(seed: int, split: Split, engine: str) -> str:
     """What the folder of an exam is called; a sealed one carries the version that it examines."""
     parts = [split, str(seed), *([version()[:12]] if split == "sealed" else []), *([engine] if engine != OWN else [])]
     return "-".join(parts)

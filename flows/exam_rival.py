@@ -48,6 +48,7 @@ def run(
     asked, told = chosen(names), {}
     refuse([] if out.is_dir() else [Fault(f"--out {out}", "is not a folder", "Create it, or choose another.")])
     inputs = gap.read(gap.Request(tuple(tracks), predict=predict, out=out / "pred.npz", without=tuple(without)))
+    assert inputs.blind is not None  # `predict` names it
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
         case = Case(inputs.garment.model, inputs.garment.recordings, inputs.effects, pool.map)
         blind = gap.BlindPrediction(pool, inputs.blind)

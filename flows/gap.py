@@ -70,7 +70,7 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
             run=pool.map,
             tell=tell,
         )
-        if inputs.blind is not None:
+        if inputs.blind is not None and request.out is not None:
             tell("blind prediction")
             before = work.on_whole(found.base)
             after = before if found.named is found.base else work.on_whole(found.named)
@@ -78,11 +78,11 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
     told = work.told(answer(found, seconds=time.perf_counter() - start))
     if request.report is not None:
         tell("report")
-        _write_report(request, told, found, work.garment.recordings)
+        _write_report(request.report, request, told, found, work.garment.recordings)
     return told, found
 
 
-def _write_report(request: Request, told: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording]) -> None:
+def _write_report(page: Path, request: Request, told: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording]) -> None:
     """The page, and the answer with its evidence beside it."""
     from tasks.gap.account import account, as_json
     from tasks.report.gap_page import gap_page, subtitle
@@ -90,9 +90,9 @@ def _write_report(request: Request, told: dict[str, Any], found: Diagnosis, reco
     evidence = account(found, recordings)
     line = subtitle([p.name for p in request.tracks], told)
     html = gap_page(told, found, evidence, title="Gap diagnosis", subtitle=line, own=not request.held_out)
-    replace_file(request.report, html.encode())
+    replace_file(page, html.encode())
     whole = told | {"evidence": as_json(evidence, found)}
-    replace_file(request.report.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())
+    replace_file(page.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())
 
 
 class BlindPrediction:
@@ -132,7 +132,8 @@ def read(request: Request) -> Inputs:
         left_out = named(request.without, known, "--without")
     except BadInput as bad:
         faults += bad.faults
-    for path in dict.fromkeys([*request.tracks, *([request.predict] if request.predict else [])]):
+    wanted: list[Path] = [*request.tracks, *([request.predict] if request.predict else [])]
+    for path in dict.fromkeys(wanted):
         if not path.exists():
             continue
         try:

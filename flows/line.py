@@ -50,3 +50,9 @@ class Line:
 
 class _Reached(Exception):
     """The last stage asked for has run."""
+
+
+def present(inputs: Mapping[str, ArtifactRef | None]) -> dict[str, ArtifactRef] | None:
+    """The inputs of a stage, once all of them are there."""
+    found = {name: ref for name, ref in inputs.items() if ref is not None}
+    return found if len(found) == len(inputs) else None

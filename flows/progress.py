@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from flows.runs import RunRecord
 
@@ -21,7 +21,7 @@ def bars(record: RunRecord, console: Console) -> Iterator[None]:
         TextColumn("{task.fields[text]}"),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        rows: dict[str, int] = {}
+        rows: dict[str, TaskID] = {}
         told: set[str] = set()
 
         def listen(record: RunRecord) -> None:

@@ -122,11 +122,18 @@ class Submission:
         """All artifacts are there: no flow, no server."""
         found = {}
         for stage in planned:
+            ref = self._ref(stage)
+            if ref is None or stage.key is None:
+                raise Refused(f"the artifact of {stage.stage} has been removed since it was looked for: submit again")
             with record.stage(stage.stage, stage.key) as report:
-                found[stage.stage] = self.store.find(self.request.actor, self.request.sequence, stage.stage, stage.key)
-                self.store.set_latest(found[stage.stage])
+                found[stage.stage] = ref
+                self.store.set_latest(ref)
                 report.done(cached=True, seconds=0.0)
         return found
+
+    def _ref(self, planned: Planned) -> ArtifactRef | None:
+        """The artifact that a plan has found, if it is still there."""
+        return None if planned.key is None else self.store.find(self.request.actor, self.request.sequence, planned.stage, planned.key)
 
     def forget_from(self, stage: str) -> None:
         """Remove the artifacts that this request would find for `stage` and all after it, so that they are computed anew."""
@@ -134,8 +141,7 @@ class Submission:
             raise Refused(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}")
         after = list(STAGES)[list(STAGES).index(stage) :]
         for planned in plan_actor(self.request, self.store):
-            if planned.cached and planned.stage in after:
-                ref = self.store.find(self.request.actor, self.request.sequence, planned.stage, planned.key)
+            if planned.stage in after and (ref := self._ref(planned)) is not None:
                 self.store.retire(ref)
 
 

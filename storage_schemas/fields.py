@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field, JsonValue
@@ -68,9 +68,14 @@ class FilesSpec:
     """Marks the field whose entries are stored as files."""
 
 
-Json = JsonValue
-JsonList = list[JsonValue]
-JsonDict = dict[str, JsonValue]
+if TYPE_CHECKING:  # whoever reads it knows what its writer wrote
+    Json = Any
+    JsonList = list[Any]
+    JsonDict = dict[str, Any]
+else:
+    Json = JsonValue
+    JsonList = list[JsonValue]
+    JsonDict = dict[str, JsonValue]
 
 
 def array(axes: str, dtype: str, unit: str, **field: Any) -> Any:

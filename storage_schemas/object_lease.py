@@ -87,9 +87,10 @@ def read_lease(objects: Any, name: str) -> tuple[Held | None, str | None]:
     """What the lease says (None if damaged), and the tag of the object (None if there is none)."""
     try:
         found = obstore.get(objects, name)
-        tag = found.meta["e_tag"]
-        return Held.model_validate_json(bytes(found.bytes())), tag
+        content = bytes(found.bytes())
     except FileNotFoundError:
         return None, None
+    try:
+        return Held.model_validate_json(content), found.meta["e_tag"]
     except ValidationError:
-        return None, tag
+        return None, found.meta["e_tag"]

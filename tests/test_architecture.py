@@ -1,17 +1,27 @@
-"""The layout holds: import contracts, names that say something, and no stage imports what it should not."""
+"""The layout holds: import contracts, style, types at the borders, and names that say something."""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 VAGUE = {"utils", "util", "common", "helpers", "helper", "core", "manager", "misc", "base"}
 
 
-def test_import_contracts_hold():
-    ended = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+LINTERS = (
+    "lint-imports --no-cache",
+    "ruff check --no-cache .",
+    "ruff format --no-cache --check .",
+    f"basedpyright --pythonpath {sys.executable}",
+)
+
+
+@pytest.mark.parametrize("linter", LINTERS, ids=[line.split(" -")[0] for line in LINTERS])
+def test_a_linter_has_nothing_to_say(linter):
+    program, *arguments = linter.split()
+    ended = subprocess.run([Path(sys.executable).with_name(program), *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
 
 

@@ -5,11 +5,12 @@ Running for good (the sweeper then finds it).
 """
 
 from datetime import timedelta
+from uuid import UUID
 
 from prefect.blocks.notifications import AppriseNotificationBlock
 from prefect.client.orchestration import PrefectClient
 from prefect.client.schemas.objects import StateType
-from prefect.events.actions import ChangeFlowRunState, SendNotification
+from prefect.events.actions import ActionTypes, ChangeFlowRunState, SendNotification
 from prefect.events.schemas.automations import AutomationCore, EventTrigger, Posture
 from pydantic import SecretStr
 
@@ -21,6 +22,9 @@ ENDINGS = {f"prefect.flow-run.{ending}" for ending in ("Completed", "Failed", "C
 
 def zombies() -> AutomationCore:
     """No heartbeat and no ending within three heartbeats: crashed."""
+    crash: ActionTypes = ChangeFlowRunState(
+        state=StateType.CRASHED, name=None, message=f"no heartbeat for {SILENCE_S} s: its process or machine is gone", force=False
+    )
     return AutomationCore(
         name=ZOMBIES,
         trigger=EventTrigger(
@@ -32,12 +36,17 @@ def zombies() -> AutomationCore:
             threshold=1,
             within=timedelta(seconds=SILENCE_S),
         ),
-        actions=[ChangeFlowRunState(state=StateType.CRASHED, message=f"no heartbeat for {SILENCE_S} s: its process or machine is gone")],
+        actions=[crash],
     )
 
 
-def failures(notification_block: object) -> AutomationCore:
+def failures(notification_block: UUID) -> AutomationCore:
     """A failed run of an actor or a dataset is told to whoever the block reaches (mail, chat, webhook: any Apprise URL)."""
+    mail: ActionTypes = SendNotification(
+        block_document_id=notification_block,
+        subject="physavatar: {{ flow_run.name }} {{ flow_run.state.name }}",
+        body="{{ flow_run.state.message }}\n{{ flow_run|ui_url }}",
+    )
     return AutomationCore(
         name=FAILURES,
         trigger=EventTrigger(
@@ -48,13 +57,7 @@ def failures(notification_block: object) -> AutomationCore:
             posture=Posture.Reactive,
             threshold=1,
         ),
-        actions=[
-            SendNotification(
-                block_document_id=notification_block,
-                subject="physavatar: {{ flow_run.name }} {{ flow_run.state.name }}",
-                body="{{ flow_run.state.message }}\n{{ flow_run|ui_url }}",
-            )
-        ],
+        actions=[mail],
     )
 
 

@@ -96,7 +96,7 @@ def dataset_flow(service: Service) -> Flow:
 
     @flow(name="dataset", persist_result=False, on_cancellation=[cancel_children])
     async def dataset(settings: dict[str, Any] | None = None) -> None:
-        parsed = service.settings.model_validate(settings) if settings is not None else service.load()
+        parsed: Any = service.settings.model_validate(settings) if settings is not None else service.load()
         await run_campaign(service, parsed, find_sequences(Path(parsed.data)))
 
     return dataset

@@ -1,20 +1,22 @@
 """Cancelling a run reaches what it dispatched. Prefect itself stops at the child's border."""
 
 from collections.abc import Iterable
+from typing import Any
 from uuid import UUID
 
+from prefect import Flow
 from prefect.client.orchestration import PrefectClient, get_client
 from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterState, FlowRunFilterStateType, FlowRunFilterTags
-from prefect.client.schemas.objects import FlowRun, StateType
+from prefect.client.schemas.objects import FlowRun, State, StateType
 from prefect.states import Cancelled, Cancelling
 
 OPEN = (StateType.SCHEDULED, StateType.PENDING, StateType.RUNNING, StateType.PAUSED)
 
 
-async def cancel_children(flow: object, run: FlowRun, state: object) -> None:
+async def cancel_children(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
     """Hook of flows that dispatch: `on_cancellation=[cancel_children]`."""
     async with get_client() as client:
-        await cancel(client, await children(client, run.id))
+        await cancel(client, await children(client, flow_run.id))
 
 
 async def children(client: PrefectClient, parent: UUID) -> list[FlowRun]:

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from flows.config import load
 from flows.dataset import Sequence
@@ -11,7 +12,7 @@ from flows.service.hand_over import hand_over
 from storage_schemas.store import Store
 
 ACTORS = {"dora": 1, "dana": 2}  # name → seed
-SIZE = {"cameras": 4, "frames": 8, "size": 224, "spp": 4}
+SIZE: dict[str, Any] = {"cameras": 4, "frames": 8, "size": 224, "spp": 4}
 SETTINGS = ("cloth.iterations=1", "appearance.texture_size=128", "cloth.frames=7")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 from prefect.client.orchestration import PrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
-from prefect.client.schemas.schedules import CronSchedule, IntervalSchedule, RRuleSchedule
+from prefect.client.schemas.schedules import SCHEDULE_TYPES, CronSchedule, IntervalSchedule
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound
 from prefect.flows import load_flow_from_entrypoint
 from prefect.utilities.callables import parameter_schema
@@ -63,7 +63,10 @@ def with_defaults(template: dict[str, Any], variables: dict[str, Any]) -> dict[s
 
 async def _pool(client: PrefectClient, name: str, kind: str, variables: dict[str, Any]) -> None:
     process = {"env": {}} | _process_defaults() if kind == "process" else {}
-    template = with_defaults(await get_default_base_job_template_for_infrastructure_type(kind), process | variables)
+    bare = await get_default_base_job_template_for_infrastructure_type(kind)
+    if bare is None:
+        raise Refused(f"Prefect knows no work pools of kind {kind!r} here: install its integration")
+    template = with_defaults(bare, process | variables)
     try:
         await client.create_work_pool(WorkPoolCreate(name=name, type=kind, base_job_template=template))
     except ObjectAlreadyExists:
@@ -113,10 +116,10 @@ async def _switched(client: PrefectClient, deployment: str) -> dict[str, bool]:
         known = await client.read_deployment_by_name(deployment)
     except ObjectNotFound:
         return {}
-    return {_times(kept.schedule): kept.active for kept in known.schedules}
+    return {_times(kept.schedule): bool(kept.active) for kept in known.schedules}
 
 
-def _times(schedule: CronSchedule | IntervalSchedule | RRuleSchedule) -> str:
+def _times(schedule: SCHEDULE_TYPES) -> str:
     """When it starts runs; an interval counts from a date that is another one each time it is made."""
     return repr(schedule.interval) if isinstance(schedule, IntervalSchedule) else repr(schedule)
 
@@ -127,5 +130,5 @@ def _schedule(described: dict[str, Any], switched: dict[str, bool]) -> Deploymen
         if "cron" in described
         else IntervalSchedule(interval=described["interval"])
     )
-    active = switched.get(_times(times), described["active"])
+    active = bool(switched.get(_times(times), described["active"]))
     return DeploymentScheduleCreate(schedule=times, active=active, parameters=described.get("parameters", {}))

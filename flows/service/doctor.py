@@ -21,7 +21,7 @@ def url_of(service: ServiceParameters) -> str | None:
 
 def server(service: ServiceParameters) -> Iterator[str]:
     """It answers."""
-    url = url_of(service)
+    url = url_of(service) or api_url(service)
     if not answers(url):
         raise ConnectionError(f"nothing answers at {url}")
     adopt(running_environment(service))
@@ -73,11 +73,12 @@ def pickles() -> Iterator[str]:
 def checks(service: ServiceParameters) -> Iterator[tuple[str, Callable[[], Iterator[str]], str]]:
     """Name, check and remedy, in the order in which to mend them."""
     yield "results", pickles, "unset PREFECT_RESULTS_DEFAULT_SERIALIZER"
-    if url_of(service) is None:
+    url = url_of(service)
+    if url is None:
         yield "server", lambda: iter([f"none at {api_url(service)}: everything runs in one process"]), ""
         return
     yield "server", lambda: server(service), "physavatar up, or set service.url"
-    if not answers(url_of(service)):
+    if not answers(url):
         return
     yield "database", lambda: database(service), "start PostgreSQL, or correct service.database"
     yield "automations", lambda: automations(service), "physavatar up creates it"

@@ -4,6 +4,7 @@ from typing import Any
 
 from prefect import Flow, flow
 
+from flows.line import present
 from flows.request import Request, run_stage
 from flows.runs import RunRecord
 from flows.service.joining import ask_for_helpers
@@ -39,15 +40,16 @@ def advance(request: Request, store: Store, pool: str, helpers: int = 0) -> dict
     record = RunRecord(store.root, request.actor, request.sequence, listen=Shown(request.actor, request.sequence))
 
     def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
-        if any(ref is None for ref in inputs.values()):
+        ready = present(inputs)
+        if ready is None:
             return None
-        key = stage.key(inputs, request.parameters(stage, done, store))
+        key = stage.key(ready, request.parameters(stage, done, store))
         ref = store.find(request.actor, request.sequence, stage.name, key)
         if ref is None and stage.pool == pool:
             shared = helpers > 0 and stage.spreads
             if shared:
                 ask_for_helpers(request, stage, key, helpers)
-            ref = run_stage(request, store, record, stage, inputs, done, shared=shared)
+            ref = run_stage(request, store, record, stage, ready, done, shared=shared)
             show(store, stage, ref, done, request.recording)
         return ref
 

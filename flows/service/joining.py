@@ -13,6 +13,7 @@ from prefect.client.orchestration import get_client
 from prefect.exceptions import ObjectNotFound
 from prefect.logging import get_run_logger
 
+from flows.line import present
 from flows.request import Request
 from flows.service.dispatch import Work, WorkFailed, digest, submit
 from flows.service.order import Service
@@ -31,12 +32,13 @@ def helper_flow(service: Service) -> Flow:
         request, store = service.open(actor, sequence, stage, settings)
 
         def bring(now: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
-            if any(ref is None for ref in inputs.values()):
+            ready = present(inputs)
+            if ready is None:
                 return None
             parameters = request.parameters(now, done, store)
             if now.name == stage:
-                now.help(store, actor, sequence, inputs, parameters, request.recording)
-            return store.find(actor, sequence, now.name, now.key(inputs, parameters))
+                now.help(store, actor, sequence, ready, parameters, request.recording)
+            return store.find(actor, sequence, now.name, now.key(ready, parameters))
 
         request.line.walk(stage, bring)
 

@@ -35,7 +35,7 @@ class Service:
         """The request and its store, from the JSON of a flow run. Raises BadName for a name that could leave its folder."""
         validate_name(actor, "actor")
         validate_name(sequence, "sequence")
-        parsed = self.settings.model_validate(settings)
+        parsed: Any = self.settings.model_validate(settings)
         store = open_store(parsed.store)
         return Request(actor, sequence, parsed, self.line, until, self.scores(actor, parsed, store)), store
 

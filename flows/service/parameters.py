@@ -34,7 +34,7 @@ class ServiceParameters(Parameters):
     notify: Secret = None
     workers: dict[str, int] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
     poll_s: float = 2.0
-    helpers: int = Field(0, ge=0)
+    helpers: int = Field(default=0, ge=0)
 
 
 def home() -> Path:

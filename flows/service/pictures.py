@@ -50,7 +50,7 @@ def show(store: Store, stage: Stage, ref: ArtifactRef, done: Mapping[str, Artifa
             _show_report(store, ref)
         elif draw is not None:
             record = store.open(ref, kind)
-            capture = record if kind is Capture else store.open(done["capture"], Capture)
+            capture = store.open(ref if kind is Capture else done["capture"], Capture)
             said = f"{ref.actor} {ref.sequence}: {ref.stage}"
             key = artifact_name(ref.actor, ref.sequence, ref.stage, "picture")
             create_markdown_artifact(f"![{said}]({thumbnail(draw(record, _View(capture, recording)))})", key=key, description=said)

@@ -25,11 +25,12 @@ def refuse_foreign_records() -> None:
 
 
 def _guarded(method: Any, where: int) -> Any:
-    def guarded(cls: type, *data: Any, **named: Any) -> Any:
+    def checked(cls: type, *data: Any, **named: Any) -> Any:
         bound = signature(method).bind(cls, *data, **named)
         _check(bound.args[1 + where])
         return method(*bound.args, **bound.kwargs)
 
+    guarded: Any = checked
     guarded.guarded = True
     return guarded
 

@@ -6,6 +6,7 @@ A server that does not take it is no reason to stop computing: what could not be
 import re
 import time
 from contextlib import suppress
+from typing import cast
 from uuid import UUID
 
 import httpx
@@ -47,7 +48,8 @@ class Shown:
             update_progress_artifact(self.artifacts[stage], progress=percent, description=said)
         else:
             key = artifact_name(self.actor, self.sequence, stage)
-            self.artifacts[stage] = create_progress_artifact(progress=percent, key=key, description=said)
+            made = create_progress_artifact(progress=percent, key=key, description=said)
+            self.artifacts[stage] = cast("UUID", made)  # not a coroutine where no loop runs
 
 
 async def show_stages(request: Request, found: Survey, running: set[str], failures: dict[str, str]) -> None:

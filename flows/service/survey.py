@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from flows.line import present
 from flows.request import Request
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
@@ -21,9 +22,10 @@ def survey(request: Request, store: Store) -> Survey:
     ready: dict[str, dict[str, str]] = {}
 
     def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
-        if any(ref is None for ref in inputs.values()):
+        known = present(inputs)
+        if known is None:
             return None
-        key = stage.key(inputs, request.parameters(stage, done, store))
+        key = stage.key(known, request.parameters(stage, done, store))
         ref = store.find(request.actor, request.sequence, stage.name, key)
         if ref is None:
             ready.setdefault(stage.pool, {})[stage.name] = key

@@ -10,6 +10,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from typing import Any
 from uuid import UUID
 
 from prefect import Flow, flow
@@ -92,7 +93,7 @@ async def sweep(
         elif run.state.type == StateType.CANCELLING and age > UNSTOPPED:
             await mend(run, Cancelled(message="its worker did not answer"), "cancelled", "its worker did not answer")
     sweepers = await _flow(client, "sweeper")
-    for run in await _runs(client, StateType.CRASHED, ended=FlowRunFilterEndTime(after_=now() - LOOK_BACK)):
+    for run in await _runs(client, StateType.CRASHED, ended=FlowRunFilterEndTime(after_=_moment(now() - LOOK_BACK))):
         if run.deployment_id is None or _parent(run) is not None or run.flow_id == sweepers:
             continue
         if now() - run.state.timestamp < RESTED:
@@ -123,6 +124,11 @@ async def _flow(client: PrefectClient, name: str) -> UUID | None:
         return None
 
 
+def _moment(at: datetime) -> Any:
+    """A time as Prefect's filters declare it; they take a datetime and convert it."""
+    return at
+
+
 def _parent(run: FlowRun) -> UUID | None:
     return next((UUID(tag.partition(":")[2]) for tag in run.tags if tag.startswith("parent:")), None)
 
@@ -143,21 +149,24 @@ async def _is_silent(client: PrefectClient, run: FlowRun, now: datetime) -> bool
     beats = EventFilter(
         event=EventNameFilter(name=["prefect.flow-run.heartbeat"]),
         resource=EventResourceFilter(id=[f"prefect.flow-run.{run.id}"]),
-        occurred=EventOccurredFilter(since=now - SILENT),
+        occurred=EventOccurredFilter(since=_moment(now - SILENT)),
     )
     return not (await client.read_events(beats, limit=1)).events
 
 
 async def is_swept(client: PrefectClient, me: FlowRun) -> bool:
     """Whether an earlier sweep is still at work: on a machine out of breath they would pile up and stand in each other's way."""
-    recent = await _runs(client, StateType.RUNNING, started=FlowRunFilterStartTime(after_=me.start_time - SILENT))
-    return any(run.flow_id == me.flow_id and run.id != me.id and run.start_time < me.start_time for run in recent)
+    began = me.start_time or datetime.now(UTC)
+    recent = await _runs(client, StateType.RUNNING, started=FlowRunFilterStartTime(after_=_moment(began - SILENT)))
+    others = [run for run in recent if run.flow_id == me.flow_id and run.id != me.id]
+    return any(run.start_time is not None and run.start_time < began for run in others)
 
 
 async def _skip_missed(client: PrefectClient, me: FlowRun) -> None:
     """After a night without workers one sweep is enough."""
+    mine = me.expected_start_time or datetime.now(UTC)
     for run in await _runs(client, StateType.SCHEDULED):
-        if run.flow_id == me.flow_id and run.expected_start_time < me.expected_start_time:
+        if run.flow_id == me.flow_id and run.expected_start_time is not None and run.expected_start_time < mine:
             await client.set_flow_run_state(run.id, Cancelled(message="a later sweep did this"))
 
 

@@ -5,7 +5,7 @@ import fcntl
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,9 +32,7 @@ SECRETS = "PHYSAVATAR_SERVICE__"  # the database's password is the server's busi
 
 
 @contextmanager
-def up(
-    service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None], places: Mapping[str, str]
-) -> Iterator[Supervisor]:
+def up(service: ServiceParameters, described: dict[str, Any], tell: Callable[[str], None], places: dict[str, str]) -> Iterator[Supervisor]:
     """Everything running, and ended on leaving. With `service.url` only workers are started. Raises Refused, ConnectionRefusedError.
 
     places: variables for the workers, which run each flow in a folder of its own (`config.places_of`).
@@ -64,7 +62,7 @@ def up(
 
 
 @contextmanager
-def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None], places: Mapping[str, str]) -> Iterator[Supervisor]:
+def work(service: ServiceParameters, pool: str, limit: int, tell: Callable[[str], None], places: dict[str, str]) -> Iterator[Supervisor]:
     """A worker of one pool of a server elsewhere, kept running. Raises ConnectionRefusedError when the server does not answer."""
     with _alone():
         end_marked(home())

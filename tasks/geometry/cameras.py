@@ -31,7 +31,7 @@ class Cameras:
         """Camera centres −Rᵀt [camera, 3] m."""
         return -np.einsum("kji,kj->ki", self.R, self.t)
 
-    def subset(self, indices: Sequence[int]) -> "Cameras":
+    def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> "Cameras":
         """The cameras at these places, in this order."""
         i = np.asarray(indices, int)
         return Cameras(tuple(self.names[k] for k in i), self.K[i], self.R[i], self.t[i], self.size[i], self.distortion[i])

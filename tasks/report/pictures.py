@@ -33,7 +33,9 @@ def figure_uri(figure: object) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def draw_keypoints(image: Image, keypoints: NDArray, score: NDArray, limbs: Sequence[tuple[int, int]], *, least: float = 0.3) -> Image:
+def draw_keypoints(
+    image: Image, keypoints: NDArray, score: NDArray, limbs: Sequence[tuple[int, int]] | NDArray[np.integer], *, least: float = 0.3
+) -> Image:
     """Points [point, 2] px with score [point] ≥ `least`, limbs between them."""
     out = image.copy()
     thick = max(1, round(min(image.shape[:2]) / 400))

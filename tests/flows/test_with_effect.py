@@ -99,3 +99,12 @@ def test_what_cannot_be_added_is_refused(place, capsys, arguments, said):
     assert run(*arguments) == 2
     assert said in capsys.readouterr().err.replace("\n", " ")
     assert not list((place / "artifacts").rglob("manifest.json"))
+
+
+def test_an_artifact_that_is_swept_between_plan_and_use_is_told(finished, monkeypatch):
+    submission = Submission.prepare("ann", None, until="report", overrides=(), store=None, console=Console(stderr=True))
+    planned = submission.check()
+    monkeypatch.setattr(Submission, "check", lambda self: planned)
+    submission.store.retire(submission.store.latest("ann", "one", "cloth"))
+    with pytest.raises(Refused, match=r"cloth has been removed since.*submit again"):
+        submission.run()
