@@ -4,9 +4,9 @@
 * profile: the loss at other values of one parameter, the other one following along the valley; Δ is in units of the loss at the optimum.
 * bootstrap: blocks of frames drawn anew, one Gauss–Newton step each from the optimum (Kline & Santos 2012: no simulation is run again).
 * a choice (half the time step, another driver of the boundary): one more Gauss–Newton step from the optimum on the altered scene, less the
-  one on the scene itself, of the same objective at the same fabric: nothing changed changes nothing. What the fit's own normal equations say is no substitute:
-  they may be of other windows, and their step may have been taken. Start and noise are those of the fit. Numerical damping is absorbed by stiffness, so what
-  the half step changes is no interval of any other kind.
+  one on the scene itself, of the same objective at the same fabric: nothing changed changes nothing. What the fit's own normal equations
+  say is no substitute: they may be of other windows, and their step may have been taken. Start and noise are those of the fit. Numerical
+  damping is absorbed by stiffness, so what the half step changes is no interval of any other kind.
 """
 
 from collections.abc import Sequence
@@ -87,13 +87,18 @@ def bootstrap(normal: Normal, *, draws: int = DRAWS, seed: int = 0) -> Array:
 
 
 def intervals(fabric: Fabric, steps: Array) -> dict[str, Any]:
-    """90 % intervals of the ratios from steps [draws, P] of their logarithms."""
+    """90 % intervals of the ratios from steps [draws, P] of their logarithms; None for an end that a linear step cannot tell."""
     found = {}
     for p, name in enumerate(PARAMETERS):
         value = (fabric.membrane, fabric.bending)[p] / fabric.density
-        low, high = value * np.exp(np.quantile(steps[:, p], (0.05, 0.95)))
-        found[NAMES[name]] = {"low": float(low), "high": float(high), "unit": "m3/kg"}
+        low, high = (value * f if (f := _factor(step)) else None for step in np.quantile(steps[:, p], (0.05, 0.95)))
+        found[NAMES[name]] = {"low": low, "high": high, "unit": "m3/kg"}
     return found
+
+
+def _factor(step: float) -> float | None:
+    """What a step of the logarithm multiplies by, as far as it may be told."""
+    return float(np.exp(step)) if abs(step) < LEAST_KNOWN else None
 
 
 def choices(scene: Scene, fit: Fit, objective: Objective = WHOLE, otherwise: Array | None = None) -> dict[str, dict[str, Any]]:
@@ -110,6 +115,6 @@ def _change(step: Array, how: str) -> dict[str, Any]:
     """Factors by which the ratios would change, and the sentence; None where a linear step cannot say."""
     if not np.isfinite(step).all():
         return {"sentence": f"{how} the simulation fails"}
-    factors = {NAMES[name]: float(np.exp(c)) if abs(c) < LEAST_KNOWN else None for name, c in zip(PARAMETERS, step)}
+    factors = {NAMES[name]: _factor(c) for name, c in zip(PARAMETERS, step)}
     said = [f"{name} would " + (f"change by {100 * (f - 1):+.0f} %" if f else "not be the same at all") for name, f in factors.items()]
     return {"factors": factors, "sentence": f"{how} {', '.join(said)}"}

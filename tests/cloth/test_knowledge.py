@@ -49,6 +49,14 @@ def test_the_bootstrap_spreads_as_the_sandwich_does():
     assert wide["low"] < 1 / 320 < wide["high"]
 
 
+def test_an_end_that_a_linear_step_cannot_tell_is_none():
+    """By hand: a factor of 2 is told, one of 100 is not, nor is one that no float holds."""
+    steps = np.log(np.array([[2.0, 0.5], [2.0, 100.0]]))
+    assert intervals(Fabric(), steps[[0, 0]])["kappa_s_over_rho"]["high"] == pytest.approx(2 / 320)
+    assert intervals(Fabric(), steps[[1, 1]])["kappa_b_over_rho"] == {"low": None, "high": None, "unit": "m3/kg"}
+    assert intervals(Fabric(), np.array([[-1.0, 0.0], [1e4, 0.0]]))["kappa_s_over_rho"]["high"] is None
+
+
 def test_half_the_step_changes_what_backward_euler_made_of_it(found):
     scene, _ = found
     coarse = replace(scene, settings=replace(scene.settings, integrator="backward_euler", substeps=1))
