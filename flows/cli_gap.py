@@ -34,16 +34,14 @@ def of(
     sequence: Which of the actor's sequences; may be left out when there is one.
     """
     from flows.submission import Submission
-    from storage_schemas.gap import Gap
+    from storage_schemas.gap import PAGE, Gap
 
     messages = Console(stderr=True)
     submission = Submission.prepare(actor, sequence, until="gap", overrides=set_, store=store, console=messages)
     ref = submission.run().artifacts["gap"]
     found = submission.store.open(ref, Gap)
-    if "gap.html" in found.files:
-        messages.print(
-            f"what it rests on: {submission.store.folder(ref) / 'files/gap.html'}", soft_wrap=True, markup=False, highlight=False
-        )
+    if PAGE in found.files:
+        messages.print(f"what it rests on: {submission.store.folder(ref) / 'files' / PAGE}", soft_wrap=True, markup=False, highlight=False)
     return _tell(found.verdict, json_)
 
 

@@ -1,6 +1,5 @@
 """Diagnose recordings of one garment from files: read, diagnose, read what was held out, predict what is blind."""
 
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -84,15 +83,12 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
 
 def _write_report(page: Path, request: Request, told: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording]) -> None:
     """The page, and the answer with its evidence beside it."""
-    from tasks.gap.account import account, as_json
-    from tasks.report.gap_page import gap_page, subtitle
+    from tasks.report.gap_page import gap_report, subtitle
 
-    evidence = account(found, recordings)
     line = subtitle([p.name for p in request.tracks], told)
-    html = gap_page(told, found, evidence, title="Gap diagnosis", subtitle=line, own=not request.held_out)
-    replace_file(page, html.encode())
-    whole = told | {"evidence": as_json(evidence, found)}
-    replace_file(page.with_suffix(".json"), json.dumps(whole, indent=1, allow_nan=False).encode())
+    html, numbers = gap_report(told, found, recordings, title="Gap diagnosis", subtitle=line, own=not request.held_out)
+    replace_file(page, html)
+    replace_file(page.with_suffix(".json"), numbers)
 
 
 class BlindPrediction:

@@ -18,6 +18,8 @@ from pydantic import Field
 from storage_schemas.fields import JsonDict, array, names, stored_files
 from storage_schemas.record import Record
 
+PAGE, NUMBERS = "gap.html", "gap.json"
+
 
 class Gap(Record, name="gap", version=2):
     """The sim-to-real gap of one recording."""

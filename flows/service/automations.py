@@ -42,7 +42,7 @@ def zombies() -> AutomationCore:
 
 def failures(notification_block: UUID) -> AutomationCore:
     """A failed run of an actor or a dataset is told to whoever the block reaches (mail, chat, webhook: any Apprise URL)."""
-    mail: ActionTypes = SendNotification(
+    notice: ActionTypes = SendNotification(
         block_document_id=notification_block,
         subject="physavatar: {{ flow_run.name }} {{ flow_run.state.name }}",
         body="{{ flow_run.state.message }}\n{{ flow_run|ui_url }}",
@@ -57,7 +57,7 @@ def failures(notification_block: UUID) -> AutomationCore:
             posture=Posture.Reactive,
             threshold=1,
         ),
-        actions=[mail],
+        actions=[notice],
     )
 
 

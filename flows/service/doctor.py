@@ -19,9 +19,8 @@ def url_of(service: ServiceParameters) -> str | None:
     return service.url or (json.loads(note.read_text())["url"] if note.exists() else None)
 
 
-def server(service: ServiceParameters) -> Iterator[str]:
+def server(service: ServiceParameters, url: str) -> Iterator[str]:
     """It answers."""
-    url = url_of(service) or api_url(service)
     if not answers(url):
         raise ConnectionError(f"nothing answers at {url}")
     adopt(running_environment(service))
@@ -77,7 +76,7 @@ def checks(service: ServiceParameters) -> Iterator[tuple[str, Callable[[], Itera
     if url is None:
         yield "server", lambda: iter([f"none at {api_url(service)}: everything runs in one process"]), ""
         return
-    yield "server", lambda: server(service), "physavatar up, or set service.url"
+    yield "server", lambda: server(service, url), "physavatar up, or set service.url"
     if not answers(url):
         return
     yield "database", lambda: database(service), "start PostgreSQL, or correct service.database"

@@ -23,7 +23,7 @@ from flows.service.shown import artifact_name
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
-from storage_schemas.gap import Gap
+from storage_schemas.gap import PAGE, Gap
 from storage_schemas.keypoints import Keypoints
 from storage_schemas.record import Record
 from storage_schemas.reference import ArtifactRef
@@ -126,8 +126,8 @@ def _show_verdict(store: Store, ref: ArtifactRef) -> None:
         f"| {', '.join(row['class'])} | {row['probability']:.0%} |" for row in gap.verdict["ranking"][:5] if row["probability"]
     )
     text = f"{gap.verdict['verdict']['sentence']}\n\n| cause | probability |\n|---|---|\n{rows}"
-    if "gap.html" in gap.files:
-        page = store.folder(ref) / "files" / "gap.html"
+    if PAGE in gap.files:
+        page = store.folder(ref) / "files" / PAGE
         text += f"\n\n[What it rests on]({page.as_uri()}), `{page}`"
     said = f"{ref.actor} {ref.sequence}: verdict"
     create_markdown_artifact(text, key=artifact_name(ref.actor, ref.sequence, "verdict"), description=said)

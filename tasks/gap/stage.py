@@ -4,7 +4,6 @@ Where is told of all garments; the cause is sought on the largest, whose motion 
 part of the base, at the strengths fitted, and no suspects.
 """
 
-import json
 import os
 from dataclasses import replace
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
-from storage_schemas.gap import Gap
+from storage_schemas.gap import NUMBERS, PAGE, Gap
 from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
 from tasks.child_process import Pool
@@ -25,13 +24,12 @@ from tasks.cloth.worn_scene import worn_scene
 from tasks.effects.effect import Motion, Subject
 from tasks.effects.library import library, suspects
 from tasks.effects.model import Model
-from tasks.gap.account import account, as_json
 from tasks.gap.answer import answer
 from tasks.gap.diagnosis import diagnose
 from tasks.gap.residual import weft_direction, where
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
-from tasks.report.gap_page import gap_page
+from tasks.report.gap_page import gap_report
 from tasks.simulator import Fabric, Settings
 from tasks.stage import Folder, Job, Parameters, stage
 
@@ -106,10 +104,8 @@ def _diagnosed(
         )
     # the same input gives the same artifact; how long it took stands in the provenance
     told = {"garment": garment.name, **answer(found, seconds=None)}
-    evidence = account(found, [recording])
-    page = gap_page(told, found, evidence, title=f"{job.actor} · {job.sequence}: {garment.name}", subtitle="Gap diagnosis")
-    numbers = json.dumps(told | {"evidence": as_json(evidence, found)}, indent=1, allow_nan=False)
-    return told, {"gap.html": page.encode(), "gap.json": numbers.encode()}
+    page, numbers = gap_report(told, found, [recording], title=f"{job.actor} · {job.sequence}: {garment.name}", subtitle="Gap diagnosis")
+    return told, {PAGE: page, NUMBERS: numbers}
 
 
 def _subject(

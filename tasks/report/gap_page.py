@@ -1,11 +1,13 @@
 """The report of a diagnosis: one self-contained page for a reader who doubts it."""
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from tasks.gap.account import Account, Splits
+from tasks.cloth.windows import Recording
+from tasks.gap.account import Account, Splits, account, as_json
 from tasks.gap.confusability import SHOWN
 from tasks.gap.constancy import Constancy
 from tasks.gap.diagnosis import Diagnosis
@@ -13,6 +15,15 @@ from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
 from tasks.report.page import Figure, Section, Table, page
 from tasks.report.pictures import figure_uri
+
+
+def gap_report(
+    answer: dict[str, Any], found: Diagnosis, recordings: Sequence[Recording], *, title: str, subtitle: str, own: bool = True
+) -> tuple[bytes, bytes]:
+    """The page, and as JSON the answer with every figure in the page; own: as of `gap_page`."""
+    told = account(found, recordings)
+    html = gap_page(answer, found, told, title=title, subtitle=subtitle, own=own)
+    return html.encode(), json.dumps(answer | {"evidence": as_json(told, found)}, indent=1, allow_nan=False).encode()
 
 
 def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: str, subtitle: str, own: bool = True) -> str:
@@ -176,14 +187,9 @@ def _scatters(rivals: dict[str, dict[str, Constancy]]) -> Table:
     same = {own["speed"].places for own in rivals.values()}
     speeds = same.pop() if len(same) == 1 else ()
     rows = [
-        [name, *(_finite(own[g].scatter) for g in told), *(map(float, own["speed"].multiples) if speeds else ())]
-        for name, own in rivals.items()
+        [name, *(own[g].scatter for g in told), *(map(float, own["speed"].multiples) if speeds else ())] for name, own in rivals.items()
     ]
     return Table(["effect alone", *(f"scatter by {g}, √(Q/dof)" for g in told), *(f"multiple, {p}" for p in speeds)], rows)
-
-
-def _finite(x: float) -> float | None:
-    return x if np.isfinite(x) else None
 
 
 def _kept(answer: dict[str, Any], found: Diagnosis, told: Account) -> Section:

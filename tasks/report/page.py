@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under named columns; numbers are set right with four digits."""
+    """Rows under named columns; numbers are set right with four digits, None and NaN are a dash."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]

@@ -1,6 +1,6 @@
 """What the report shows of each stage, from plain arrays."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from tasks.report.pictures import crop_to, data_uri, draw_keypoints, draw_mesh, 
 
 GROUPS = {"body": slice(0, 17), "feet": slice(17, 23), "face": slice(23, 91), "hands": slice(91, 133)}
 CLASSES = 6  # shown
-EVIDENCE = {"gap.html": "What that rests on, figure by figure", "gap.json": "The same in numbers"}
 GARMENT_COLOURS = ((255, 150, 60), (90, 170, 255), (170, 230, 90), (240, 110, 190))
 
 
@@ -137,9 +136,9 @@ def _vertex_rms(residual_mm: NDArray) -> NDArray:
     return np.sqrt(squared.sum(0) / np.where(seen.any(0), seen.sum(0), np.nan))
 
 
-def cause_section(answer: dict[str, Any], files: Collection[str]) -> Section:
-    """What the diagnosis weighed: classes that the recording cannot tell apart, their probabilities and strengths; and where the evidence
-    lies, if it is among the files beside the page.
+def cause_section(answer: dict[str, Any], links: Sequence[tuple[str, str]]) -> Section:
+    """What the diagnosis weighed: classes that the recording cannot tell apart, their probabilities and strengths; links to the
+    evidence, as of a section.
     """
     rows = [
         [
@@ -153,7 +152,6 @@ def cause_section(answer: dict[str, Any], files: Collection[str]) -> Section:
     zones = [[z["zone"], *(z[k] for k in shown)] for z in answer["where"]["zones"]]
     tables = [Table(["class", "probability", "strength (90 %)"], rows), Table(["zone", *(k.replace("_", " ") for k in shown)], zones)]
     told = f"Weighed on the {answer['garment']}, in windows of a fifth to a third of a second and over the whole recording. Record next: {answer['record_next']}."
-    links = [(words, name) for name, words in EVIDENCE.items() if name in files]
     return Section("Which effect is missing", [told], tables, links=links)
 
 

@@ -11,7 +11,7 @@ from storage_schemas.appearance import Appearance
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
 from storage_schemas.cloth import Cloth
-from storage_schemas.gap import Gap
+from storage_schemas.gap import NUMBERS, PAGE, Gap
 from storage_schemas.keypoints import Keypoints
 from storage_schemas.registration import Registration
 from storage_schemas.report import Report
@@ -26,6 +26,7 @@ from tasks.report.page import Section, page
 from tasks.stage import Job, Parameters, stage
 
 VIEWS = 4  # cameras shown
+EVIDENCE = {PAGE: "What that rests on, figure by figure", NUMBERS: "The same in numbers"}
 
 
 class ReportParameters(Parameters):
@@ -53,7 +54,7 @@ def report(
     view = _View.of(capture, job, len(cloth.simulated) - 1 if cloth else len(capture.frame_numbers) - 1)
     found = [
         *([sections.truth_section(parameters.scores)] if parameters.scores else []),
-        *([sections.cause_section(gap.verdict, gap.files), _gap(view, cloth, gap, capture.fps)] if gap else []),
+        *([_cause(gap), _gap(view, cloth, gap, capture.fps)] if gap else []),
         *([sections.cloth_section(cloth.parameters, cloth.loss_history, cloth.endings)] if cloth else []),
         *([_tracking(view, tracking)] if tracking else []),
         *([_body(view, registration or body, capture)] if body else []),
@@ -88,6 +89,10 @@ class _View:
         recording = recorded(capture, job.recording)
         shown = np.unique(np.linspace(0, len(recording.cameras) - 1, VIEWS).round().astype(int))
         return cls(t, shown, recording.cameras.subset(shown), [recording.read_rgb(int(camera), t) for camera in shown])
+
+
+def _cause(gap: Gap) -> Section:
+    return sections.cause_section(gap.verdict, [(words, name) for name, words in EVIDENCE.items() if name in gap.files])
 
 
 def _gap(view: _View, cloth: Cloth, gap: Gap, fps: float) -> Section:

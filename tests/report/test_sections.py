@@ -1,6 +1,7 @@
 """The pages: what was never seen is grey, not without error; evidence is linked where it lies; plots are the same bytes every time."""
 
 import base64
+import re
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 from tasks.gap.constancy import Constancy, cochran
 from tasks.geometry.cameras import Cameras
 from tasks.report.gap_page import constancy_section
-from tasks.report.page import page
+from tasks.report.page import Section, Table, page
 from tasks.report.pictures import figure_uri
 from tasks.report.sections import cause_section, gap_section
 
@@ -53,9 +54,14 @@ def test_a_gap_of_which_nothing_was_seen_is_drawn_all_the_same():
 
 def test_the_evidence_is_linked_where_it_lies_beside_the_page():
     answer = {"ranking": [], "verdict": {"kind": "none"}, "where": {"zones": []}, "garment": "skirt", "record_next": "a turn"}
-    linked = page("ann", "one", "none", [cause_section(answer, ("gap.html",))])
-    assert 'href="gap.html"' in linked and "gap.json" not in linked
-    assert "href" not in page("ann", "one", "none", [cause_section(answer, ())])  # an artifact of before there was any
+    linked = page("ann", "one", "none", [cause_section(answer, [("all of it", "gap.html")])])
+    assert '<a href="gap.html">all of it</a>' in linked
+    assert "href" not in page("ann", "one", "none", [cause_section(answer, [])])  # an artifact of before there was any
+
+
+def test_what_is_unknown_is_a_dash():
+    cells = page("a", "b", "c", [Section("d", tables=[Table(["e"], [[None], [float("nan")], [0.0], ["nan"]])])])
+    assert re.findall(r"<td[^>]*>([^<]*)</td>", cells) == ["–", "–", "0", "nan"]
 
 
 def test_the_same_plot_gives_the_same_bytes():
