@@ -12,7 +12,7 @@ from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
 from tasks.exam.scorer.listing import HEAD, listing
 from tasks.exam.scorer.page import page
-from tasks.exam.scorer.summary import calibration_error, summary
+from tasks.exam.scorer.summary import calibration_error, confusion, summary
 
 OWN = {"split": "open", "version": None, "left_out": [], "engine": "own", "null_residual_mm": None, "too_small": [], "apart": {}}
 
@@ -64,6 +64,30 @@ def test_a_right_name_scores():
 def test_a_second_place_counts_for_top3_only():
     row = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 0.6), ([DRAG], 0.3), (["none"], 0.1)]))
     assert (row["credit"], row["top1"], row["top3"], row["right"]) == (0, 0, 1, False)
+
+
+def test_an_answer_set_may_hold_the_truth_alone_and_three_places_are_three():
+    told = answer("effect", [[DRAG]], [([DRAG], 1.0)])
+    assert told["answer_set_90"] == [DRAG] and score(truth({DRAG: 10.0}), told)["covered"]
+    fourth = answer("effect", [[HEM]], [([HEM], 0.4), (["body_lag"], 0.3), (["air_lift"], 0.2), ([DRAG], 0.1)])
+    assert score(truth({DRAG: 10.0}), fourth)["top3"] == 0
+    for asked in (truth({}, stratum="null"), truth({DRAG: 1.0}, stratum="outside", withheld=(DRAG,))):
+        right, wrong = ("none", "outside_library") if not asked["causes"] else ("outside_library", "none")
+        last = [([wrong], 0.5), ([HEM], 0.2), (["body_lag"], 0.2), ([right], 0.1)]
+        assert [score(asked, answer(wrong, [], last))[k] for k in ("top1", "top3")] == [0, 0]
+        first = [([right], 0.9), ([wrong], 0.1)]
+        assert [score(asked, answer(right, [], first))[k] for k in ("top1", "top3")] == [1, 1]
+
+
+def test_what_is_named_is_in_the_classes_or_among_the_effects():
+    told = answer("effect", [[DRAG, LINEAR]], [([DRAG, LINEAR], 1.0)])
+    told["verdict"]["effects"] = [HEM]
+    assert score(truth({DRAG: 10.0}), told)["named"] == sorted([DRAG, LINEAR, HEM])
+
+
+def test_an_interval_holds_its_ends():
+    told = answer("effect", [[DRAG]], [([DRAG], 1.0)])  # 8 to 12
+    assert [score(truth({DRAG: θ}), told)["strength_covered"] for θ in (7.9, 8.0, 12.0, 12.1)] == [False, True, True, False]
 
 
 def test_a_pair_needs_both_names():
@@ -147,14 +171,20 @@ def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
     row = closing({"before": before, "after": after}, held_out, 0.01)
     assert row["before_mm"] == pytest.approx(30) and row["after_mm"] == pytest.approx(10)
     assert row["closed"] == pytest.approx((9 - 1) / (9 - 1)) and not row["worse"]
-    assert "closed" not in closing({"before": before, "after": after}, held_out, 0.025)
+    assert "closed" not in closing({"before": before, "after": after}, held_out, 0.0201)
+    assert "closed" in closing({"before": before, "after": after}, held_out, 0.0199)  # from 1.5 floors on
+    up = np.array([0.0, 1.0, 0.0])
+    elsewhere = closing({"before": before + up, "after": after + up}, held_out | {"vertices": x + up}, 0.01)
+    assert elsewhere == pytest.approx(row)
     assert closing({"before": after, "after": before}, held_out, 0.001)["worse"]
     assert "worse" not in closing({"before": after, "after": after}, held_out, 0.001)  # nothing was carried over
 
 
 def test_wilson_against_the_textbook():
-    """Newcombe 1998, table I: 81 of 263 gives 0.2553 … 0.3662."""
+    """Newcombe 1998, table I: 81 of 263 gives 0.2553 … 0.3662; and by Wilson's quadratic (p − q)² = z² q (1 − q)/n itself."""
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    for q in wilson(3, 7):
+        assert (3 / 7 - q) ** 2 == pytest.approx(1.959964**2 * q * (1 - q) / 7)
     assert wilson(0, 32) == pytest.approx((0.0, 0.107), abs=1e-3)
     assert wilson(0, 5)[0] == 0.0 and wilson(5, 5)[1] == 1.0
 
@@ -162,12 +192,64 @@ def test_wilson_against_the_textbook():
 def test_bootstrap_of_a_mean_has_the_width_of_the_normal():
     values = np.random.default_rng(0).normal(size=400)
     low, high = bootstrap(values)
-    assert high - low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
+    assert high - low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.05)
 
 
 def test_calibration_error_of_ten_answers():
     rows = [{"confidence": 0.95, "right": k < 6} for k in range(10)]
-    assert calibration_error(rows)["value"] == pytest.approx(0.35)
+    found = calibration_error(rows)
+    half = 1.96 * np.sqrt(0.6 * 0.4 / 10)
+    assert found["value"] == pytest.approx(0.35) and [found["low"], found["high"]] == pytest.approx([0.35 - half, 0.35 + half], abs=0.06)
+    sure = [{"confidence": 1.0, "right": False}] * 2  # the last bin holds its end
+    assert calibration_error([*rows, *sure])["value"] == pytest.approx(abs(12 * 0.95 + 0.1 - 6) / 12)
+
+
+def test_who_is_asked_for_what():
+    """Every stratum once seen and once too small, by an answer that is right in one place and wrong in the other."""
+    both = answer("effect", [[DRAG], [HEM]], [([DRAG], 0.6), ([HEM], 0.4)])
+    one = answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])
+    no = answer("none", [], [(["none"], 1.0)])
+    pair, single = {DRAG: 10.0, HEM: 1.0}, {DRAG: 10.0}
+    rows = [
+        score(truth(pair, stratum="pair", multiple=2.0), both),
+        score(truth(pair, stratum="pair"), one),
+        score(truth(pair, stratum="pair"), no),
+        score(truth(pair, stratum="pair", multiple=1.9), no),
+        score(truth(single, multiple=2.0), one),
+        score(truth(single, multiple=1.9), no),
+        score(truth(single, stratum="inseparable", multiple=1.0), one),
+        score(truth({}, stratum="inseparable"), no),
+        score(truth({}, stratum="null"), answer("outside_library", [], [(["outside_library"], 1.0)])),
+    ]
+    figures = {f["metric"]: (f["value"], f["cases"]) for f in summary(rows)}
+    assert figures["top-1, single effects from 2x the floor"] == (1.0, 1)
+    assert figures["pairs: both named"] == (pytest.approx(1 / 3), 3)
+    assert figures["pairs: at least one named"] == (pytest.approx(2 / 3), 3)
+    assert figures["inseparable by design: class right"] == (1.0, 1)  # density alone asks for no name
+    assert figures["false attribution on nulls"] == (0.0, 2)
+    assert figures["abstentions that are outside the library (precision)"] == (0.0, 1)
+    assert figures["90 % answer sets that hold the truth"] == (pytest.approx(3 / 6), 6)  # of what is seen, or is no effect
+    assert figures["mean size of 90 % answer sets"] == (pytest.approx(9 / 6), 6)
+    assert figures["calibration error"][1] == 6
+    assert figures["top-1, single effects near 2x the floor"] == (0.5, 2)
+
+
+def test_the_table_of_confusion_calls_everything_by_its_name():
+    rows = [
+        score(truth({DRAG: 10.0}), answer("effect", [[DRAG, LINEAR]], [([DRAG, LINEAR], 1.0)])),
+        score(truth({DRAG: 10.0, HEM: 1.0}, stratum="pair"), answer("outside_library", [], [(["outside_library"], 1.0)])),
+        score(truth({DRAG: 10.0}, stratum="outside", withheld=(DRAG,)), answer("effect", [[HEM]], [([HEM], 1.0)])),
+        score(truth({}, stratum="null"), answer("none", [], [(["none"], 1.0)])),
+    ]
+    truths, answers, table = confusion(rows)
+    met = {(truths[i], answers[j]) for i, j in zip(*np.nonzero(table), strict=True)}
+    assert met == {
+        (DRAG, f"{LINEAR} | {DRAG}"),
+        (f"{DRAG} + {HEM}", "outside_library"),
+        (f"withheld: {DRAG}", HEM),
+        ("none", "none"),
+    }
+    assert table.sum() == 4
 
 
 def test_summary_and_page_hold_every_case():
