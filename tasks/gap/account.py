@@ -164,6 +164,7 @@ def as_json(a: Account, found: Diagnosis) -> dict[str, Any]:
             "confusability": c and {**asdict(c), "testable": c.testable},
             "constancy": {grouping: {n: asdict(x) for n, x in own.items()} for grouping, own in a.constancy.items()},
             "rivals": {name: {grouping: asdict(x) for grouping, x in own.items()} for name, own in a.rivals.items()},
+            "designs": [asdict(d) for d in found.designs],
             "base_refit": {"history": found.screened.base.history, "ending": found.screened.base.ending} if found.screened else None,
         }
     )

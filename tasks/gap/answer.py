@@ -9,7 +9,7 @@ from tasks.effects.effect import Effect
 from tasks.gap.diagnosis import Diagnosis
 from tasks.gap.held_out import Shrinkage
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.record_next import record_next
+from tasks.gap.next_recording import record_next
 from tasks.gap.residual import rms_mm
 from tasks.gap.verdict import Verdict
 
@@ -19,7 +19,6 @@ VERSION = 1
 def answer(found: Diagnosis, *, seconds: float | None) -> dict[str, Any]:
     """The whole answer; None where something is unseen or does not apply."""
     v, gap = found.verdict, found.shrinkage
-    names = [n for c in v.classes for n in c]
     return {
         "version": VERSION,
         "verdict": {
@@ -45,7 +44,7 @@ def answer(found: Diagnosis, *, seconds: float | None) -> dict[str, Any]:
         },
         "where": _where(found),
         "parameters": found.parameters,
-        "record_next": record_next(v.kind, names or v.answer_set),
+        "record_next": record_next(v, found.designs),
         "seconds": seconds,
     }
 

@@ -30,6 +30,7 @@ from tasks.gap.confirmation import Confirmed, confirmed, decided
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, enough, gather, lengths, restarted, restated, split, unwrinkled
 from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
+from tasks.gap.next_recording import Design, designs, in_question
 from tasks.gap.refits import Refitted, comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
 from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
@@ -47,7 +48,8 @@ class Diagnosis:
     what is missing in the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth;
     frame_mm [T] of the first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed
     beside the leading one; base, replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the
-    model for motions not seen: with the named effect, unless whole recordings replayed with it came less near than the base's.
+    model for motions not seen: with the named effect, unless whole recordings replayed with it came less near than the base's. designs:
+    motions to record next, where causes are left that these recordings do not tell apart.
     """
 
     verdict: Verdict
@@ -66,6 +68,7 @@ class Diagnosis:
     pairs: tuple[Fitted, ...] = ()
     replayed: Replayed | None = None
     floor_mm: float = np.nan
+    designs: tuple[Design, ...] = ()
 
     @property
     def vertex_accel(self) -> Array:
@@ -167,7 +170,17 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
         found.pairs,
         trials.replayed,
         floor_mm(screened.evidence, train.recordings),
+        _designs(trials, verdict),
     )
+
+
+def _designs(trials: Trials, verdict: Verdict) -> tuple[Design, ...]:
+    """None where nothing is in question, and none of a quick diagnosis."""
+    asked, or_none = in_question(verdict, [h for h in trials.singles if h.weights]), "none" in verdict.answer_set
+    if trials.quick or not asked or (len(asked) == 1 and not or_none):
+        return ()
+    trials.tell("the next recording")
+    return designs(trials.screened, trials.base, trials.train, asked, or_none=or_none, run=trials.run)
 
 
 def _added(trials: Trials, named: Refitted) -> Array | None:

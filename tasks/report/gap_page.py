@@ -11,6 +11,7 @@ from tasks.gap.account import Account, Splits, account, as_json
 from tasks.gap.confusability import SHOWN
 from tasks.gap.constancy import Constancy
 from tasks.gap.diagnosis import Diagnosis
+from tasks.gap.next_recording import SECONDS
 from tasks.gap.residual import rms_mm
 from tasks.report import gap_figures as figures
 from tasks.report.page import Figure, Section, Table, page
@@ -40,7 +41,7 @@ def gap_page(answer: dict[str, Any], found: Diagnosis, told: Account, *, title: 
             *([constancy_section(told.constancy, told.rivals)] if told.constancy else []),
             *([_kept(answer, found, told)] if told.stretches else []),
         ]
-    return page(title, subtitle, answer["verdict"]["sentence"], [*sections, _next(answer)])
+    return page(title, subtitle, answer["verdict"]["sentence"], [*sections, _next(answer, found)])
 
 
 def _plot(canvas: Any, caption: str) -> Figure:
@@ -206,8 +207,16 @@ def _kept(answer: dict[str, Any], found: Diagnosis, told: Account) -> Section:
     return Section(heading, words, figures=[_plot(figures.kept_out(told.stretches, found.floor_mm), caption)])
 
 
-def _next(answer: dict[str, Any]) -> Section:
-    return Section("Record this next", [f"{answer['record_next'][0].upper()}{answer['record_next'][1:]}."])
+def _next(answer: dict[str, Any], found: Diagnosis) -> Section:
+    words = [f"{answer['record_next'][0].upper()}{answer['record_next'][1:]}."]
+    if not found.designs:
+        return Section("Record this next", words)
+    words.append(
+        f"What these recordings and {SECONDS:g} s of each motion would tell together, as far as derivatives foretell: by how many standard "
+        "deviations the first cause of the pair that is parted worst would stand out beside the second."
+    )
+    rows = [[d.said or "these recordings alone", d.apart, " beside ".join(d.pair)] for d in found.designs]
+    return Section("Record this next", words, [Table(["motion", "standard deviations", "worst pair"], rows)])
 
 
 def subtitle(names: Sequence[str], answer: dict[str, Any]) -> str:
