@@ -1,5 +1,7 @@
 """Motions to record next: rigid where they should be, as recorded where they begin, and as fast as they say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,7 @@ def recorded():
 
 
 def by_name(recorded, frames):
-    x0, v0 = recorded.observed[0], np.ones((V, 3))
+    x0, v0 = recorded.observed[0], np.full((V, 3), 3.0)
     return {m.said: m for m in next_motions(recorded, x0, v0, frames, FPS)}
 
 
@@ -38,7 +40,10 @@ def test_other_speeds_pass_the_same_places_and_start_as_fast(recorded):
     fast, slow = found["the same motion at twice the speed"], found["the same motion at half the speed"]
     np.testing.assert_allclose(fast.motion.collider, path[:49:2], atol=1e-12)
     np.testing.assert_allclose(slow.motion.collider[::2], path[:13], atol=1e-12)
-    assert (fast.v0 == 2).all() and (slow.v0 == 0.5).all()
+    assert (fast.v0 == 6).all() and (slow.v0 == 1.5).all()
+    between = path[:1] + np.sin(3 * 0.5 / FPS * np.arange(25))[:, None, None] * (0.1, 0.0, 0.05)
+    np.testing.assert_allclose(slow.motion.collider, between, atol=1e-5)
+    np.testing.assert_array_equal(slow.motion.boundary, slow.motion.collider[:, :2])
 
 
 def test_no_motion_goes_on_where_the_recording_has_ended(recorded):
@@ -53,7 +58,7 @@ def test_facing_the_other_way_is_a_half_turn_of_all(recorded):
     turned = lambda x: (x - centre) * (-1, 1, -1) + centre  # noqa: E731
     np.testing.assert_allclose(other.motion.collider, turned(recorded.motion.collider[:20]), atol=1e-12)
     np.testing.assert_allclose(other.x0, turned(x0), atol=1e-12)
-    np.testing.assert_allclose(other.v0, np.ones((V, 3)) * (-1, 1, -1), atol=1e-12)
+    np.testing.assert_allclose(other.v0, np.full((V, 3), 3.0) * (-1, 1, -1), atol=1e-12)
 
 
 @pytest.mark.parametrize(("word", "axis"), [("aside", 0), ("lifted", 1)])
@@ -72,6 +77,13 @@ def test_a_turned_pose_keeps_its_shape_and_its_height(recorded):
     np.testing.assert_allclose(np.linalg.norm(there[0] - there, axis=-1), np.linalg.norm(pose[0] - pose, axis=-1), atol=1e-12)
     flat, now = ((p[0] - p[1])[[0, 2]] for p in (pose, there))
     assert flat @ now == pytest.approx(0.0, abs=1e-12)  # a quarter round
+
+
+def test_without_a_body_or_with_one_frame_there_is_nothing_to_interpolate(recorded):
+    bare = replace(recorded, motion=Motion(np.zeros((T, 0, 3)), recorded.motion.boundary))
+    assert {m.motion.collider.shape[1:] for m in by_name(bare, 12).values()} == {(0, 3)}
+    single = recorded.cut(slice(0, 1))
+    assert len(by_name(single, 12)["the same motion at twice the speed"].motion.boundary) == 1
 
 
 def test_a_still_pose_is_still(recorded):

@@ -88,4 +88,13 @@ def test_zones_by_rank():
     assert ZONES[zones(faces, None, near, pinned)[17]] == "contact"
     cut = faces.copy()
     cut[:10] += 100  # these faces have a pattern piece of their own
-    assert "seam" in {ZONES[k] for k in zones(faces, cut, far, pinned)}
+    seam = set(faces[:10].ravel()) & set(faces[10:].ravel()) - {0}
+    assert {i for i, k in enumerate(zones(faces, cut, far, pinned)) if ZONES[k] == "seam"} == seam
+
+
+def test_contact_is_nearness_in_more_than_half_of_the_frames():
+    _, faces = sheet()
+    for millimetres, frames, expected in ((7.0, 3, "contact"), (7.0, 2, "free"), (9.0, 4, "free")):
+        away = np.full((4, 35), 0.1)
+        away[:frames, 17] = millimetres / 1e3
+        assert ZONES[zones(faces, None, away, np.zeros(35, bool))[17]] == expected
