@@ -110,6 +110,8 @@ def _because(reasons: Sequence[str], verdict: Verdict) -> Verdict:
 
 def _reason(now: Decided, gap: Shrinkage) -> str:
     seen = "there is nothing to close" if gap.closed_fraction is None else "the gap hardly shrinks"
+    if gap.leaves_floor:
+        seen = f"it raises the gap from {gap.before_mm:.1f} to {gap.after_mm:.1f} mm, off its floor"
     if not np.isfinite(gap.after_mm):
         seen = "it cannot be simulated"
     return f"{now.verdict.named.name} leads, but on motion kept out of the fit {seen}"

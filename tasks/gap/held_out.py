@@ -12,7 +12,7 @@ There the sign of
 
     ℓ = ½ Σ_w [J_w + log|C_w|]_before/s_w − [J_w + log|C_w|]_after/s_w,    C = R + S_z P S_zᵀ,    s_w = max(1, J_w/n_w) of the nearer of the two
 
-tells whether motion kept out is likelier with a cause than without.
+tells whether motion kept out is likelier with a cause than without. A cause that lifts it off its floor speaks against itself, whatever ℓ.
 """
 
 from collections.abc import Sequence
@@ -57,13 +57,19 @@ class Shrinkage:
 
     @property
     def at_floor(self) -> bool:
-        """Whether there is nothing to close, though both could be followed."""
-        return self.closed_fraction is None and bool(np.isfinite(self.after_mm))
+        """Whether there is nothing to close, before or after, though both could be followed."""
+        return self.closed_fraction is None and bool(np.isfinite(self.after_mm)) and not self.leaves_floor
+
+    @property
+    def leaves_floor(self) -> bool:
+        """Whether there was nothing to close before, but is after."""
+        return self.closed_fraction is None and self.after_mm**2 > CLOSABLE * self.floor_mm**2
 
     @property
     def shrinks(self) -> bool:
         """Whether the gap became smaller, or the motion likelier, in most draws and, where there is something to close, by more than `LEAST` of that."""
-        return (self.closed_fraction is None or self.closed_fraction > LEAST) and self.falls > 0.5
+        gained = not self.leaves_floor if self.closed_fraction is None else self.closed_fraction > LEAST
+        return gained and self.falls > 0.5
 
 
 def unchanged(gap: Shrinkage) -> Shrinkage:

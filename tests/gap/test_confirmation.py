@@ -123,6 +123,19 @@ def test_motion_that_is_at_its_floor_weighs_once_more_what_leads(put):
     )
 
 
+def test_what_lifts_motion_kept_out_off_its_floor_is_not_named_however_likely(put):
+    """A curtain in drag, at its floor, went from 7.8 to 8.3 mm (floor 7.2) with a hysteresis that was named with 0.97."""
+    found, trials = put({FRICTION: 20.0, DRAG: 14.0}, {FRICTION: 1.2, DRAG: 1.01}, base=1.05, again={FRICTION: 20.0, DRAG: 14.0})
+    assert found.verdict.classes == ((DRAG,),) and trials.vetoed == {FRICTION}
+    assert found.verdict.reason.startswith(f"{FRICTION} leads, but on motion kept out of the fit it raises the gap from 1.")
+    assert found.verdict.reason.endswith(" mm, off its floor")
+
+
+def test_unless_whole_recordings_shrink_with_it(put):
+    found, _ = put({FRICTION: 20.0}, {FRICTION: 1.2}, base=1.05, again={FRICTION: 20.0}, whole={FRICTION: replays(30.0, 6.0, 5.0)})
+    assert found.verdict.classes == ((FRICTION,),) and found.gap.replayed
+
+
 def test_doubt_beside_a_cause_shrinks_with_its_weight(put):
     """What is outside the library weighs a share of what is named: named once and weighed down later, that share had led in its stead (0.67)."""
     after, _ = put({FRICTION: 20.0}, {FRICTION: 1.01}, base=1.0, doubt=0.9, again={FRICTION: 8.0})

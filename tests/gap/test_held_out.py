@@ -48,6 +48,16 @@ def test_at_the_floor_no_fraction_is_stated():
     assert worse.closed_fraction is None and not worse.shrinks
 
 
+def test_what_was_at_its_floor_and_is_above_it_does_not_shrink_however_likely():
+    """Off the floor is 1.2 times its square, as it is before: 3.2 mm are at a floor of 3, 3.4 are not."""
+    rng = np.random.default_rng(9)
+    for mm, leaves in ((3.2, False), (3.4, True)):
+        likelier = [replace(e, normals=replace(e.normals, c=0.5 * e.normals.c)) for e in evidence(rng, mm)]
+        gap = compared(evidence(rng, 3.0), likelier, floor_mm=3.0, held_out=True)
+        assert (gap.leaves_floor, gap.at_floor, gap.shrinks) == (leaves, not leaves, not leaves) and gap.falls == 1.0
+    assert not compared(evidence(rng, 9.0), evidence(rng, 10.0), floor_mm=3.0, held_out=True).leaves_floor  # it was never there
+
+
 def test_at_the_floor_what_is_likelier_counts_and_not_what_is_nearer():
     """Errors that the start or neighbours explain make no gap smaller; of what is left, a millimetre says more than of them."""
     rng = np.random.default_rng(8)
