@@ -52,10 +52,14 @@ def confusability(windows: Windows, effects: Sequence[Effect]) -> Confusability:
     return Confusability(tuple(e.name for e in effects), cosine, np.array(detectability))
 
 
+def over_scales(windows: Windows) -> list[Normals]:
+    """Normal equations of every window [W], over its own scale s_w."""
+    return [Normals(n.names, n.G / s, n.g / s, n.c / s, n.n) for n, s in zip(windows.normals, windows.overdispersion, strict=True)]
+
+
 def signatures(windows: Windows, columns: Sequence[str]) -> Normals:
     """Normal equations of these columns over all windows, each by its own scale, the base parameters integrated out."""
-    names = [*PARAMETERS, *columns]
-    scaled = [Normals(n.names, n.G / s, n.g / s, n.c / s, n.n) for n, s in zip(windows.normals, windows.overdispersion, strict=True)]
+    names, scaled = [*PARAMETERS, *columns], over_scales(windows)
     G, g = summed(scaled, names)
     whole = Normals(tuple(names), G, g, sum(n.c for n in scaled), sum(n.n for n in scaled))
     return marginalised(whole, PARAMETERS, np.full(len(PARAMETERS), BASE_SPREAD**2))

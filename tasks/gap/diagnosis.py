@@ -175,12 +175,12 @@ def _concluded(trials: Trials, found: Confirmed, train: Gathered) -> Diagnosis:
 
 
 def _designs(trials: Trials, verdict: Verdict) -> tuple[Design, ...]:
-    """None where nothing is in question, and none of a quick diagnosis."""
-    asked, or_none = in_question(verdict, [h for h in trials.singles if h.weights]), "none" in verdict.answer_set
-    if trials.quick or not asked or (len(asked) == 1 and not or_none):
+    """None of a quick diagnosis."""
+    if trials.quick:
         return ()
     trials.tell("the next recording")
-    return designs(trials.screened, trials.base, trials.train, asked, or_none=or_none, run=trials.run)
+    asked = in_question(verdict, [h for h in trials.singles if h.weights])
+    return designs(trials.screened, trials.base, trials.train, asked, or_none="none" in verdict.answer_set, run=trials.run)
 
 
 def _added(trials: Trials, named: Refitted) -> Array | None:

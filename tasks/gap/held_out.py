@@ -42,7 +42,7 @@ class Shrinkage:
 
     falls: share of bootstrap draws in which the gap falls or, at the floor, ℓ > 0. A cause that acts in one window of five (a touch, a
     turn) is not even drawn in a third of them, and there the fraction of what can be closed means nothing; so the interval is for reading,
-    and `shrinks` decides.
+    and `shrinks` decides. closable: E over E_floor from which a gap is above its floor.
     """
 
     before_mm: float
@@ -54,6 +54,7 @@ class Shrinkage:
     held_out: bool
     falls: float = 0.0
     replayed: bool = False
+    closable: float = CLOSABLE
 
     @property
     def at_floor(self) -> bool:
@@ -63,7 +64,7 @@ class Shrinkage:
     @property
     def leaves_floor(self) -> bool:
         """Whether there was nothing to close before, but is after."""
-        return self.closed_fraction is None and self.after_mm**2 > CLOSABLE * self.floor_mm**2
+        return self.closed_fraction is None and self.after_mm**2 > self.closable * self.floor_mm**2
 
     @property
     def shrinks(self) -> bool:
@@ -127,10 +128,10 @@ def fallen(E: Array, floor_mm: float, *, held_out: bool, replayed: bool = False,
     b, a = np.sqrt(E.sum(0)[:2] / E.sum(0)[2])
     falls = float((drops > 0).mean())
     if b**2 <= closable * floor_mm**2:
-        return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls, replayed)
+        return Shrinkage(float(b), float(a), floor_mm, None, None, None, held_out, falls, replayed, closable)
     most = b**2 - floor_mm**2
     low, high = (None if end is None else end / most for end in _interval(E[:, 0] - E[:, 1], E[:, 2]))
-    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / most), low, high, held_out, falls, replayed)
+    return Shrinkage(float(b), float(a), floor_mm, float((b**2 - a**2) / most), low, high, held_out, falls, replayed, closable)
 
 
 def _interval(d: Array, m: Array) -> tuple[float | None, float | None]:

@@ -22,15 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import summed
 from tasks.cloth.nuisances import without_forcing
 from tasks.cloth.numerics import with_tangents
 from tasks.cloth.shooting import Evidence, Map, follow
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import Normals, Recording, Window
+from tasks.cloth.windows import Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
-from tasks.gap.confusability import SHOWN
+from tasks.gap.confusability import SHOWN, over_scales
 from tasks.gap.gathered import Gathered, jobs
 from tasks.gap.hypotheses import Fitted, precision
 from tasks.gap.next_motions import NextMotion, next_motions
@@ -47,7 +48,7 @@ FAINT = 0.1  # of the typical strength: weaker causes are compared at the typica
 
 STILL = "a faster motion with stops: sways of 0.3 m at 1 Hz, half turns, and two seconds of rest after each"
 MORE = "the same garment in a second, different motion of at least two seconds"
-AGAIN = "the same motion once more"
+NOW, AGAIN = "these recordings alone", "the same motion once more"
 
 
 @dataclass(frozen=True)
@@ -69,23 +70,25 @@ def in_question(verdict: Verdict, singles: Sequence[Fitted]) -> list[Fitted]:
 def designs(
     screened: Screened, base: Model, train: Gathered, asked: Sequence[Fitted], *, or_none: bool, run: Map = map
 ) -> tuple[Design, ...]:
-    """What is known of the causes `asked` now ("no further motion" first), and what each motion would add, the best first.
-
-    or_none: whether "none" is a rival too, as it is of a single cause.
+    """What is known of the causes `asked` now (`NOW`, first), and what each motion would add, the best first; nothing where there is no
+    pair to part. or_none: whether "none" is a rival too.
     """
+    pairs = [(a, b.effects[0]) for a, b in permutations(asked, 2)] + ([(a, None) for a in asked] if or_none else [])
+    if not pairs:
+        return ()
     effects = [h.effects[0] for h in asked]
     names = [*PARAMETERS, *(c for e in effects for c in e.columns)]
-    now = sum(G / s for G, s in zip((_of(n, names) for n in screened.windows.normals), screened.windows.overdispersion, strict=True))
+    now, _ = summed(over_scales(screened.windows), names)
     fps, length = base.subject.fps, int(np.median([w.length for w in train.windows]))
-    told = {"": np.zeros_like(now), AGAIN: now * SECONDS * fps / sum(w.length for w in train.windows)}
+    told = {NOW: np.zeros_like(now), AGAIN: now * SECONDS * fps / sum(w.length for w in train.windows)}
     planned = next_motions(train.recordings[0], train.states[0].x[0], train.states[0].v[0], (1 + WINDOWS) * length + 1, fps)
     model = with_tangents(base.joined(effects, {}))
     for motion, evidence in zip(planned, run(_followed, [(model, train.recordings[0], motion, length) for motion in planned]), strict=True):
         if evidence:
-            found = [without_forcing(n, screened.windows.forcing) for n in compressed(evidence, screened.prior, effects, screened.doubt)]
-            scale = np.median(screened.windows.overdispersion)
-            told[motion.said] = sum(_of(n, names) for n in found) / scale * SECONDS * fps / (len(found) * length)
-    first, *others = (_worst(said, now + G, names, asked, or_none=or_none) for said, G in told.items())
+            equations = compressed(evidence, screened.prior, effects, screened.doubt)
+            G, _ = summed([without_forcing(n, screened.windows.forcing) for n in equations], names)
+            told[motion.said] = G / np.median(screened.windows.overdispersion) * SECONDS * fps / (len(evidence) * length)
+    first, *others = (_worst(said, now + G, names, pairs) for said, G in told.items())
     return (first, *sorted(others, key=lambda d: -d.apart))
 
 
@@ -114,19 +117,11 @@ def separation(G: Array, names: Sequence[str], a: Fitted, b: Effect | None) -> f
     return float(np.sqrt(max(θ @ seen @ θ, 0.0) / a.weights[0].dispersion))
 
 
-def _worst(said: str, G: Array, names: Sequence[str], asked: Sequence[Fitted], *, or_none: bool) -> Design:
-    pairs = [(a, b.effects[0]) for a, b in permutations(asked, 2)]
-    if or_none or len(asked) == 1:
-        pairs += [(a, None) for a in asked]
+def _worst(said: str, G: Array, names: Sequence[str], pairs: Sequence[tuple[Fitted, Effect | None]]) -> Design:
     apart = [separation(G, names, a, b) for a, b in pairs]
     k = int(np.argmin(apart))
     a, b = pairs[k]
     return Design(said, apart[k], (a.name, b.name if b else "none"))
-
-
-def _of(n: Normals, names: Sequence[str]) -> Array:
-    i = n.index(names)
-    return n.G[np.ix_(i, i)]
 
 
 def _followed(job: tuple[Model, Recording, NextMotion, int]) -> list[Evidence]:

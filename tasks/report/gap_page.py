@@ -215,7 +215,7 @@ def _next(answer: dict[str, Any], found: Diagnosis) -> Section:
         f"What these recordings and {SECONDS:g} s of each motion would tell together, as far as derivatives foretell: by how many standard "
         "deviations the first cause of the pair that is parted worst would stand out beside the second."
     )
-    rows = [[d.said or "these recordings alone", d.apart, " beside ".join(d.pair)] for d in found.designs]
+    rows = [[d.said, d.apart, " beside ".join(d.pair)] for d in found.designs]
     return Section("Record this next", words, [Table(["motion", "standard deviations", "worst pair"], rows)])
 
 

@@ -55,7 +55,10 @@ def test_no_motion_goes_on_where_the_recording_has_ended(recorded):
 def test_facing_the_other_way_is_a_half_turn_of_all(recorded):
     other, x0 = by_name(recorded, 20)["the same motion, facing the other way"], recorded.observed[0]
     centre = x0.mean(0) * (1, 0, 1)
-    turned = lambda x: (x - centre) * (-1, 1, -1) + centre  # noqa: E731
+
+    def turned(x):
+        return (x - centre) * (-1, 1, -1) + centre
+
     np.testing.assert_allclose(other.motion.collider, turned(recorded.motion.collider[:20]), atol=1e-12)
     np.testing.assert_allclose(other.x0, turned(x0), atol=1e-12)
     np.testing.assert_allclose(other.v0, np.full((V, 3), 3.0) * (-1, 1, -1), atol=1e-12)

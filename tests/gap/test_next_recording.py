@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import summed
 from tasks.cloth.nuisances import without_forcing, without_state
 from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import States
@@ -18,7 +19,7 @@ from tasks.effects.observation_delay import EFFECT as DELAY
 from tasks.gap.gathered import gather
 from tasks.gap.hypotheses import Fitted, Weight, precision
 from tasks.gap.next_motions import NextMotion, next_motions
-from tasks.gap.next_recording import AGAIN, MORE, STILL, Design, designs, in_question, record_next, separation
+from tasks.gap.next_recording import AGAIN, MORE, NOW, STILL, Design, designs, in_question, record_next, separation
 from tasks.gap.screening import screen
 from tasks.gap.verdict import Candidate, Verdict
 from tests.cloth.test_windows import FPS, swung
@@ -71,11 +72,17 @@ def screened():
     return screen(model, data, [NORMAL, LINEAR], iterations=0), data
 
 
+def test_a_cause_that_nothing_rivals_asks_for_no_motion(screened):
+    s, data = screened
+    assert designs(s, s.base.model, data, [single(NORMAL, NORMAL.typical)], or_none=False) == ()
+    assert designs(s, s.base.model, data, [], or_none=True) == ()
+
+
 def test_designs_add_to_what_is_known_and_the_best_comes_first(screened):
     s, data = screened
     asked = [single(e, e.typical) for e in (NORMAL, LINEAR)]
     now, *others = designs(s, s.base.model, data, asked, or_none=False)
-    assert now.said == "" and [d.apart for d in others] == sorted((d.apart for d in others), reverse=True)
+    assert now.said == NOW and [d.apart for d in others] == sorted((d.apart for d in others), reverse=True)
     assert all(d.apart > now.apart - 1e-9 for d in others) and others[0].apart > 1.2 * now.apart
     told = {d.said: d.apart for d in others}
     # a sheet that hangs still tells nothing of air
@@ -91,7 +98,7 @@ def test_a_motion_that_is_soon_over_is_compared_as_far_as_it_lasts(screened):
     assert {w.length for w in long.windows} == {10}
     asked = [single(NORMAL, NORMAL.typical)]
     told = {d.said: d.apart for d in designs(s, s.base.model, long, asked, or_none=True)}
-    assert told["the same motion at twice the speed"] > told[""] and "the same motion at half the speed" in told
+    assert told["the same motion at twice the speed"] > told[NOW] and "the same motion at half the speed" in told
 
 
 def test_what_is_foretold_happens(screened):
@@ -101,16 +108,11 @@ def test_what_is_foretold_happens(screened):
     (asked,) = (m for m in next_motions(data.recordings[0], states.x[0], states.v[0], 16, FPS) if "aside" in m.said)
     θ, names = 0.5 * NORMAL.typical, [*PARAMETERS, *NORMAL.columns, *LINEAR.columns]
     foretold, found = (_equations(s, base, asked, air, length, data.recordings[0]) for air in (None, {NORMAL.name: θ}))
-    d = separation(sum(_block(n, names) for n in foretold), names, single(NORMAL, θ), LINEAR)
+    d = separation(summed(foretold, names)[0], names, single(NORMAL, θ), LINEAR)
     rest = [*PARAMETERS, *LINEAR.columns]
-    G, g, c = (sum(each) for each in zip(*((_block(n, rest), n.g[n.index(rest)], n.c) for n in found), strict=True))
-    left = c - g @ np.linalg.solve(G + np.diag(precision([LINEAR])), g)
+    G, g = summed(found, rest)
+    left = sum(n.c for n in found) - g @ np.linalg.solve(G + np.diag(precision([LINEAR])), g)
     assert np.sqrt(left) == pytest.approx(d, rel=0.15)
-
-
-def _block(n, names):
-    i = n.index(names)
-    return n.G[np.ix_(i, i)]
 
 
 def _equations(s, base, asked: NextMotion, air, length, like):
@@ -137,7 +139,7 @@ def test_in_question_are_the_named_and_what_is_needed_for_nine_tenths():
 
 def test_it_is_said_in_words():
     pair = ("air_lift", "air_wind")
-    told = [Design("", 1.26, pair), Design("the first pose held still", 4.14, pair), Design(AGAIN, 2.0, pair)]
+    told = [Design(NOW, 1.26, pair), Design("the first pose held still", 4.14, pair), Design(AGAIN, 2.0, pair)]
     assert record_next(verdict("effect"), told) == (
         "the first pose held still, for 2 seconds: it would part air_lift from air_wind by 4.1 standard deviations (now 1.3)"
     )
