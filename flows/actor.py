@@ -45,7 +45,7 @@ def use_local_prefect(root: Path) -> None:
         "PREFECT_SERVER_ALLOW_EPHEMERAL_MODE": "true",
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "150",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-        # nobody reads events or has automations here, and with the fewer writers SQLite is locked less often (PrefectHQ/prefect#18934)
+        # nobody reads events or has automations here, and SQLite, which writers keep from one another (PrefectHQ/prefect#18934), has fewer
         "PREFECT_SERVER_SERVICES_EVENT_PERSISTER_ENABLED": "false",
         "PREFECT_SERVER_SERVICES_TRIGGERS_ENABLED": "false",
         "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "false",
