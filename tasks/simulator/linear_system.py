@@ -142,11 +142,6 @@ class LinearSystem:
         return np.where(inside, at, -1)
 
 
-def symmetric_product(A: csc_matrix, x: Array) -> Array:
-    """A x [n] of a symmetric matrix of which the lower triangle counts."""
-    return _symmetric_product(A.indptr, A.indices, A.data, x)
-
-
 def _keys(node: NDArray, n: int) -> NDArray[np.int64]:
     """Keys of all pairs within each stencil of node numbers [K, m], row ≥ column, prescribed nodes (−1) left out."""
     i, j = np.broadcast_arrays(node[:, :, None].astype(np.int64), node[:, None, :].astype(np.int64))
@@ -224,22 +219,6 @@ def _expand(pointer, row):
                     at += 1
             indptr[3 * j + c + 1] = at
     return indices, indptr
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _symmetric_product(indptr, indices, data, x):
-    y = np.zeros(len(x))
-    for j in range(len(x)):
-        own = 0.0
-        for k in range(indptr[j], indptr[j + 1]):
-            i = indices[k]
-            if i > j:
-                y[i] += data[k] * x[j]
-                own += data[k] * x[i]
-            elif i == j:
-                own += data[k] * x[j]
-        y[j] += own
-    return y
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,15 +1,12 @@
-"""Newton's directions through one step: H p = −g, with few factorisations.
+"""Newton's directions through one step: H p = −g.
 
 The exact Hessian H is tried first; where it is not positive definite, (1 − λ) H + λ H₊ with the convex neighbours H₊ of the terms and the
 least λ of a ladder that is. λ is lowered after every success, so that the last iterations converge quadratically. (With H₊ itself, buckling
 cloth crawls: more than 300 iterations for a step that takes 10.) Where steps end at a velocity, as C-IPC's do, often while still leaving a
 saddle, there is no such end to reach, and H₊ serves alone.
 
-Within a step H changes little. So whatever was factorised last is the preconditioner of conjugate gradients on the matrix at hand, until
-the error is `FORCING` of what it was. Where they meet a direction of negative curvature that matrix is not definite; where they take more
-than `MOST` iterations, or promise to, it is factorised. A direction found without meeting one goes downhill, as Newton's own does.
-
-Source: Dembo, Eisenstat, Steihaug 1982 (inexact Newton methods); Steihaug 1983 (negative curvature).
+Every direction has a factorisation of its own. (Conjugate gradients on an older factor took as many solutions as a factorisation costs:
+13 at 1,600 vertices, 10 at 25,000.)
 """
 
 from collections.abc import Sequence
@@ -19,28 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
-from tasks.simulator.linear_system import Factor, LinearSystem, NotPositiveDefinite, symmetric_product
+from tasks.simulator.linear_system import LinearSystem, NotPositiveDefinite
 from tasks.simulator.potential import Blocks, Potential, Step
 
 Array = NDArray[np.float64]
 Terms = list[Blocks | csc_matrix]
 
-# shares of the error, in the norm of H⁻¹, that conjugate gradients leave
-FORCING = 1e-4  # of H
-MIXED = 1e-2  # of a neighbour that is not Newton's own anyway
-CARRIED = 1e-6  # where something prescribed moves: a ten-thousandth of 2 cm, across a gap of a micrometre, closes it
-MOST = 24  # of their iterations, which cost a tenth to a twentieth of a factorisation each
-EARLY = 8  # of them, after which their pace is known
 LADDER = (0.0, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # shares λ of the convex neighbours
 
 
 class Directions:
-    """Of one step. Keeps the share λ, and the last factor. convex: the neighbours alone."""
+    """Of one step. Keeps the share λ. convex: the neighbours alone."""
 
     def __init__(self, potentials: Sequence[Potential], system: LinearSystem, *, convex: bool = False) -> None:
         self._potentials, self._system = potentials, system
         self._lowest = self._rung = len(LADDER) - 1 if convex else 0
-        self._factor: Factor | None = None
 
     def newton(self, x: Array, step: Step, g: Array) -> Array:
         """The direction [V, 3] from x [V, 3], where the gradient is g [V, 3]. Raises NotPositiveDefinite if nothing is: values overflowed."""
@@ -55,7 +45,7 @@ class Directions:
             A, terms = here.mixed(λ)
             carried = times(terms, fixed, Δc) if moves else 0.0
             try:
-                p = self._solved(A, -self._system.gather(g + carried), CARRIED if moves else MIXED if λ else FORCING)
+                p = self._system.factorise(A).solve(-self._system.gather(g + carried))
             except NotPositiveDefinite:
                 if λ == 1:
                     raise
@@ -63,14 +53,6 @@ class Directions:
             else:
                 self._rung = max(self._rung - 1, self._lowest)
                 return self._system.scatter(p) + fixed
-
-    def _solved(self, A: csc_matrix, b: Array, forcing: float) -> Array:
-        """A⁻¹ b [n]. Raises NotPositiveDefinite."""
-        p = None if self._factor is None else preconditioned(A, b, self._factor, forcing)
-        if p is None:
-            self._factor = self._system.factorise(A)
-            p = self._factor.solve(b)
-        return p
 
 
 class _Hessians:
@@ -119,30 +101,3 @@ def times(terms: Sequence[Blocks | csc_matrix], dx: Array, dc: Array) -> Array:
         elif term.nnz:
             total += (term @ np.concatenate([dx, dc]).ravel())[: dx.size].reshape(-1, 3)
     return total
-
-
-def preconditioned(A: csc_matrix, b: Array, factor: Factor, forcing: float) -> Array | None:
-    """A⁻¹ b [n] by conjugate gradients, A given by its lower triangle; None where they take too long. Raises NotPositiveDefinite where they
-    meet negative curvature.
-    """
-    p, r = np.zeros_like(b), b.copy()
-    z = factor.solve(r)
-    q, rz = z, float(r @ z)
-    first = rz
-    if first == 0:
-        return p
-    for iteration in range(1, MOST + 1):
-        Aq = symmetric_product(A, q)
-        curvature = float(q @ Aq)
-        if not curvature > 0:
-            raise NotPositiveDefinite
-        α = rz / curvature
-        p, r = p + α * q, r - α * Aq
-        z = factor.solve(r)
-        before, rz = rz, float(r @ z)
-        if rz <= forcing**2 * first:
-            return p
-        if iteration >= EARLY and (rz / first) ** (MOST / iteration) > forcing**2:
-            return None
-        q = z + rz / before * q
-    return None

@@ -17,7 +17,7 @@ from tasks.geometry.rotations import axis_angle_from_matrix, matrix_from_axis_an
 Array = NDArray[np.float64]
 
 PERIOD = 1.2  # [s] of one sway to the left and one to the right
-ATTACK = 0.6  # [s] from standing still to full motion
+ATTACK = 0.3  # [s] from standing still to full motion
 PELVIS, SPINE, NECK, HEAD = 0, (3, 6, 9), 12, 15
 HIP, KNEE, ANKLE, TOE = (1, 2), (4, 5), (7, 8), (10, 11)
 SHOULDER, ELBOW, WRIST = (16, 17), (18, 19), (20, 21)

@@ -39,7 +39,7 @@ class Request:
     size: int = 512
     spp: int = 16
     seed: int = 2026
-    energy: float = 1.0
+    energy: float = 1.2
     fps: float = 25.0
     portrait: bool = False
 
