@@ -35,7 +35,7 @@ from tasks.stage import Folder, Job, Parameters, stage
 
 
 class GapParameters(Parameters):
-    """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: one contender, no second cause (`trials.py`);
+    """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: two contenders, no second cause (`trials.py`);
     effects_folder: further effects, one Python file each, those of the cloth among them; limit_s: of one window's simulation."""
 
     density: float = 320.0
