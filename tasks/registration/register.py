@@ -2,10 +2,11 @@
 
 Keypoints from a detector are some centimetres off where clothes hide a joint or the detector errs in one way on every image; skin is
 tracked to millimetres. From the keypoint fit on, points of the body closest to tracked skin are found and drawn to it in turn (iterated
-closest points; Besl & McKay 1992), with the priors of the keypoint fit about its own poses: what no skin shows stays where the keypoints
-put it. One shape, from a few frames together, then every frame for itself.
+closest points; Besl & McKay 1992), with the priors of the keypoint fit about its own poses: what nothing shows stays where the keypoints
+put it. One shape, from the skin of a few frames together; then the first frame from its skin; then every frame for itself, from its skin and
+the cloth that clung to the body in the first (`clinging_cloth.py`).
 
-Limits: garments are no skin, and hair and shoes are taken for it as far as 3 cm; a person of whom little skin is seen gets little from it.
+Limits: hair and shoes are taken for skin as far as 3 cm; a person of whom little skin is seen gets little from it.
 """
 
 from collections.abc import Callable
@@ -19,7 +20,8 @@ from tasks.body.model import Array, BodyModel
 from tasks.body.objective import FitWeights, Objective
 from tasks.body.shared_shape import shared_shape, spread
 from tasks.geometry.meshes import vertex_normals
-from tasks.registration.skin_distance import Match, SkinDistance, matched
+from tasks.registration.clinging_cloth import LEAVES, NO_CLOTH, Clinging, clinging
+from tasks.registration.skin_distance import Match, SkinDistance, Together, matched
 
 USED = 500  # tracked vertices
 ROUNDS, FRAME_ROUNDS = 8, 4  # of matching: for the shape, and for each frame
@@ -65,8 +67,16 @@ class Registered:
     ending: str
 
 
-def register(model: BodyModel, start: Pose, skin: Skin, tell: Callable[[float, str], None] = lambda share, text: None) -> Registered:
-    """Shape and poses that the tracked skin asks for, from those that keypoints gave."""
+def register(
+    model: BodyModel,
+    start: Pose,
+    skin: Skin,
+    garment_faces: NDArray[np.int32],
+    tell: Callable[[float, str], None] = lambda share, text: None,
+) -> Registered:
+    """Shape and poses that tracked skin and clinging cloth ask for, from those that keypoints gave; garment_faces [G, 3] of the tracked
+    surface.
+    """
     frames = len(start.pose)
     enough = [f for f in range(frames) if skin.seen[f, skin.index].sum() >= FEWEST]
     if not enough:
@@ -75,10 +85,14 @@ def register(model: BodyModel, start: Pose, skin: Skin, tell: Callable[[float, s
     free = Objective.of(model, FitWeights(shape=FitWeights().shape / len(some)))  # the frames' objectives add up to one prior of the shape
     z = np.array([free.unknowns(pose, t) for pose, t in zip(start.pose, start.translation, strict=True)])
     shape = _shape(model, free, start.shape[: free.shapes], z, skin, some, tell)
+    first = enough[0]
+    body = _posed(model, free, shape, _frame(model, free, z[first], shape, skin, NO_CLOTH, first))
+    cloth = clinging(skin.vertices[first], garment_faces, body, model.faces)
     found, distance = z.copy(), np.full((frames, 2), np.nan)
     for f in enough:
         tell(0.4 + 0.6 * f / frames, f"frame {f}")
-        found[f], distance[f] = _frame(model, free, z[f], start.shape, shape, skin, f)
+        found[f] = _frame(model, free, z[f], shape, skin, cloth, f)
+        distance[f] = [_from_skin(model, free, β, u, skin, f) for β, u in ((start.shape, z[f]), (shape, found[f]))]
     pose = np.array([free.pose(u) for u in found])
     pose[:, FACE] = start.pose[:, FACE]
     before, after = 1e3 * np.nanmedian(distance, 0)
@@ -101,22 +115,37 @@ def _shape(
     return shape
 
 
-def _frame(model: BodyModel, free: Objective, z: Array, before: Array, shape: Array, skin: Skin, frame: int) -> tuple[Array, Array]:
-    """z [n] of a frame in its new shape, and the median distance of matched skin, with the shape `before` and at the end [2] m."""
-    now, first = z, np.median(_matched(model, free, before, z, skin, frame).distance)
+def _frame(model: BodyModel, free: Objective, z: Array, shape: Array, skin: Skin, cloth: Clinging, frame: int) -> Array:
+    """z [n] of a frame in its new shape."""
+    now = z
     for _ in range(FRAME_ROUNDS):
-        objective, distance = _term(model, free.near(z), shape, now, skin, frame)
+        objective, distance = _term(model, free.near(z), shape, now, skin, frame, cloth)
         kept = objective.frozen(shape)
         now = minimise(lambda u: kept.expand(distance, u), lambda u: kept.energy(distance, u), now, steps=STEPS).z  # noqa: B023
-    return now, np.array([first, np.median(_matched(model, free, shape, now, skin, frame).distance)])
+    return now
 
 
-def _term(model: BodyModel, objective: Objective, shape: Array, z: Array, skin: Skin, frame: int) -> tuple[Objective, SkinDistance]:
+def _term(
+    model: BodyModel, objective: Objective, shape: Array, z: Array, skin: Skin, frame: int, cloth: Clinging = NO_CLOTH
+) -> tuple[Objective, Together]:
     """The objective of points matched at this shape and pose, and their distance."""
-    found = _matched(model, objective, shape, z, skin, frame)
-    return objective.on_surface(model, model.faces[found.face], found.barycentric), SkinDistance(found.skin, found.normal)
+    found, surface = _matched(model, objective, shape, z, skin, frame), skin.vertices[frame]
+    own = cloth.at(surface, skin.seen[frame])
+    under, normal = own.skin(surface, _posed(model, objective, shape, z), model.faces)
+    corners = np.concatenate([model.faces[found.face], own.corners])
+    points = objective.on_surface(model, corners, np.concatenate([found.barycentric, own.barycentric]))
+    return points, Together((SkinDistance(found.skin, found.normal), SkinDistance(under, normal, LEAVES)))
 
 
 def _matched(model: BodyModel, objective: Objective, shape: Array, z: Array, skin: Skin, frame: int) -> Match:
-    posed = model.pose(shape, np.zeros(0), objective.pose(z), z[:3])
-    return matched(*skin.at(frame), posed.vertices, model.faces)
+    return matched(*skin.at(frame), _posed(model, objective, shape, z), model.faces)
+
+
+def _from_skin(model: BodyModel, free: Objective, shape: Array, z: Array, skin: Skin, frame: int) -> float:
+    """Median distance [m] of matched skin."""
+    return float(np.median(_matched(model, free, shape, z, skin, frame).distance))
+
+
+def _posed(model: BodyModel, objective: Objective, shape: Array, z: Array) -> Array:
+    """Vertices [V, 3] m."""
+    return model.pose(shape, np.zeros(0), objective.pose(z), z[:3]).vertices

@@ -1,4 +1,4 @@
-"""The door of registration: the fitted body once more, on the skin that was tracked."""
+"""The door of registration: the fitted body once more, on the skin that was tracked and the cloth that clings to it."""
 
 from typing import Annotated
 
@@ -25,18 +25,19 @@ class RegistrationParameters(Parameters):
     model: Annotated[ModelFile, Otherwise(demo_body_digest)] = None
 
 
-@stage("registration", version=2, pool="tracking", timeout_s=4 * 3600)
+@stage("registration", version=3, pool="tracking", timeout_s=4 * 3600)
 def registration(
     job: Job, capture: Capture, keypoints: Keypoints, body: Body, tracking: Tracking, parameters: RegistrationParameters
 ) -> Registration:
-    """Draw the body to the tracked skin."""
+    """Draw the body to tracked skin and clinging cloth."""
     path, digest = (demo_body(), demo_body_digest()) if parameters.model is None else (parameters.model, content_digest(parameters.model))
     if digest != body.model_sha256:
         remedy = "Set registration.model to that file, or install the anny of its name on every machine."
         raise BadInput([Fault(str(path), f"the body was fitted with another model, {body.model}", remedy)])
     model, skin = BodyModel.load(path), _skin(tracking)
+    worn = tracking.faces[np.asarray(tracking.part_names)[tracking.part_of_face] != SKIN]
     start = Pose(*(np.asarray(a, float) for a in (body.pose, body.shape, body.expression, body.translation)))
-    found = register(model, start, skin, job.progress)
+    found = register(model, start, skin, worn, job.progress)
     posed = pose_sequence(model, found.found.shape, found.found.expression, found.found.pose, found.found.translation)
     pixels = reprojected(model, cameras_of(capture), keypoints.keypoints.astype(float), posed)
     return Registration(
