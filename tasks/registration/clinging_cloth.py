@@ -20,6 +20,7 @@ Faces = NDArray[np.int32]
 
 CLOSE = 0.006  # [m] from the skin: cloth of a close fit, its mesh and the body's being some millimetres off
 LOOP = 0.03  # [m] that no vertex of a border may be off which is fastened: a waistband with what is worn under it
+MOST = 500  # vertices: more say little more
 LEAVES = 0.01  # ρ [m]: what is further than that from where it clung has left
 
 
@@ -53,8 +54,9 @@ def clinging(surface: Array, garment_faces: Faces, body: Array, faces: Faces) ->
     found = closest_points(surface[cloth], body, faces)
     off = np.full(len(surface), np.inf)
     off[cloth] = found.distance
-    own = (found.distance < CLOSE) | np.isin(cloth, _fastened(garment_faces, off))
-    under = Clinging(cloth[own], faces[found.face[own]], found.barycentric[own], np.zeros(own.sum()))
+    own = np.flatnonzero((found.distance < CLOSE) | np.isin(cloth, _fastened(garment_faces, off)))
+    own = own[np.linspace(0, len(own) - 1, min(MOST, len(own))).round().astype(int)]
+    under = Clinging(cloth[own], faces[found.face[own]], found.barycentric[own], np.zeros(len(own)))
     height = np.sum((surface[under.vertex] - found.point[own]) * _normals(under, body, faces), 1)
     return Clinging(under.vertex, under.corners, under.barycentric, height)
 
