@@ -9,18 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tasks.geometry.distances import closest_points
-from tasks.geometry.meshes import boundary_edges, vertex_normals
+from tasks.geometry.meshes import boundary_edges, components
+from tasks.registration.skin_distance import evenly, normals_at
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 CLOSE = 0.006  # [m] from the skin: cloth of a close fit, its mesh and the body's being some millimetres off
 LOOP = 0.03  # [m] that no vertex of a border may be off which is fastened: a waistband with what is worn under it
-MOST = 500  # vertices: more say little more
 LEAVES = 0.01  # ρ [m]: what is further than that from where it clung has left
 
 
@@ -40,7 +38,7 @@ class Clinging:
 
     def skin(self, surface: Array, body: Array, faces: Faces) -> tuple[Array, Array]:
         """Where the skin under them is, by a frame's tracked surface [V, 3] m, and the normal [q, 3] of the body [B, 3] m there."""
-        normal = _normals(self, body, faces)
+        normal = normals_at(self.corners, self.barycentric, body, faces)
         return surface[self.vertex] - self.height[:, None] * normal, normal
 
 
@@ -54,27 +52,17 @@ def clinging(surface: Array, garment_faces: Faces, body: Array, faces: Faces) ->
     found = closest_points(surface[cloth], body, faces)
     off = np.full(len(surface), np.inf)
     off[cloth] = found.distance
-    own = np.flatnonzero((found.distance < CLOSE) | np.isin(cloth, _fastened(garment_faces, off)))
-    own = own[np.linspace(0, len(own) - 1, min(MOST, len(own))).round().astype(int)]
-    under = Clinging(cloth[own], faces[found.face[own]], found.barycentric[own], np.zeros(len(own)))
-    height = np.sum((surface[under.vertex] - found.point[own]) * _normals(under, body, faces), 1)
-    return Clinging(under.vertex, under.corners, under.barycentric, height)
+    own = evenly(np.flatnonzero((found.distance < CLOSE) | np.isin(cloth, _fastened(garment_faces, off))))
+    vertex, corners, barycentric = cloth[own], faces[found.face[own]], found.barycentric[own]
+    height = np.sum((surface[vertex] - found.point[own]) * normals_at(corners, barycentric, body, faces), 1)
+    return Clinging(vertex, corners, barycentric, height)
 
 
 def _fastened(garment_faces: Faces, off: Array) -> NDArray[np.int64]:
     """Vertices of borders no vertex of which is further than `LOOP` off the body; off [V] m."""
     edge = boundary_edges(garment_faces)
-    if not len(edge):
-        return np.zeros(0, np.int64)
-    joined = coo_matrix((np.ones(len(edge)), edge.T), shape=(len(off), len(off)))
-    count, loop = connected_components(joined, directed=False)
     border = np.unique(edge)
-    farthest = np.zeros(count)
-    np.maximum.at(farthest, loop[border], off[border])
-    return border[farthest[loop[border]] < LOOP]
-
-
-def _normals(points: Clinging, body: Array, faces: Faces) -> Array:
-    """Unit normals [q, 3] of the body at its points."""
-    normal = np.einsum("qc,qca->qa", points.barycentric, vertex_normals(body, faces)[points.corners])
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    loop = components(edge[:, [0, 1, 1]], len(off))[border]  # an edge is a triangle of two corners
+    farthest = np.zeros(len(off))
+    np.maximum.at(farthest, loop, off[border])
+    return border[farthest[loop] < LOOP]

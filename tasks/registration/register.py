@@ -21,9 +21,8 @@ from tasks.body.objective import FitWeights, Objective
 from tasks.body.shared_shape import shared_shape, spread
 from tasks.geometry.meshes import vertex_normals
 from tasks.registration.clinging_cloth import LEAVES, NO_CLOTH, Clinging, clinging
-from tasks.registration.skin_distance import Match, SkinDistance, Together, matched
+from tasks.registration.skin_distance import Match, SkinDistance, Together, evenly, matched
 
-USED = 500  # tracked vertices
 ROUNDS, FRAME_ROUNDS = 8, 4  # of matching: for the shape, and for each frame
 STEPS = 6  # of Gauss-Newton between two of them
 FACE = slice(22, 25)  # jaw and eyes, which nothing here moves
@@ -51,8 +50,7 @@ class Skin:
 
     def at(self, frame: int) -> tuple[Array, Array]:
         """Some of the skin that was seen [n, 3] m, and its normals [n, 3]."""
-        own = self.index[self.seen[frame, self.index]]
-        own = own[np.linspace(0, len(own) - 1, min(USED, len(own))).round().astype(int)] if len(own) else own
+        own = evenly(self.index[self.seen[frame, self.index]])
         x = self.vertices[frame]
         known = self.faces[np.isfinite(x).all(-1)[self.faces].all(1)]
         return x[own], vertex_normals(x, known)[own]

@@ -21,6 +21,7 @@ Faces = NDArray[np.int32]
 
 STRENGTH = 1e3  # λ [1/m²]
 POINTS = 600  # N
+USED = 500  # of the points of a kind
 SLIDE = 0.05  # τ
 SATURATION = 0.03  # ρ of skin [m]
 FARTHEST = 0.08  # [m] from the body that tracked skin may be to be matched with it,
@@ -92,7 +93,17 @@ class Match:
 def matched(skin: Array, skin_normal: Array, body: Array, faces: Faces) -> Match:
     """Tracked skin [n, 3] m with normals [n, 3] on the body [V, 3] m: what is near and faces the same way."""
     found = closest_points(skin, body, faces)
-    normal = np.einsum("qc,qca->qa", found.barycentric, vertex_normals(body, faces)[faces[found.face]])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = normals_at(faces[found.face], found.barycentric, body, faces)
     ok = (found.distance < FARTHEST) & (np.sum(normal * skin_normal, 1) > ALIKE)
     return Match(skin[ok], found.face[ok], found.barycentric[ok], normal[ok], found.distance[ok])
+
+
+def normals_at(corners: Faces, barycentric: Array, body: Array, faces: Faces) -> Array:
+    """Unit normals [q, 3] of the body [V, 3] m at points of its surface, corners and barycentric [q, 3]."""
+    normal = np.einsum("qc,qca->qa", barycentric, vertex_normals(body, faces)[corners])
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+
+def evenly(points: NDArray[np.int64]) -> NDArray[np.int64]:
+    """At most `USED` of them, evenly through their order."""
+    return points[np.linspace(0, len(points) - 1, min(USED, len(points))).round().astype(int)]
