@@ -67,14 +67,16 @@ def compare_with_truth(data: Path, store: Store, artifacts: dict[str, ArtifactRe
         vertices=(tracking.vertices, truth["template"]["vertices"]),
         garment=of,
         fabric=cloth.parameters,
-        true_fabric={
-            name: {"kappa_s_over_rho": float(f["kappa_s"] / f["density"]), "kappa_b_over_rho": float(f["kappa_b"] / f["density"])}
-            for name, f in fabrics.items()
-        },
+        true_fabric={name: _fabric(f) for name, f in fabrics.items()},
         psnr=appearance.psnr,
         planted=PLANTED,
         verdict=store.open(artifacts["gap"], Gap).verdict,
     )
+
+
+def _fabric(truth: dict[str, np.ndarray]) -> dict[str, float]:
+    ratios = {f"{name}_over_rho": float(truth[name] / truth["density"]) for name in ("kappa_s", "kappa_b")}
+    return {**ratios, PLANTED: float(truth[PLANTED])}
 
 
 def vertices_of(tracking: Tracking, garment: str) -> np.ndarray:

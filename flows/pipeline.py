@@ -22,7 +22,7 @@ def pipeline(run: Run) -> None:
     inside = run(registration, capture=recording, keypoints=points, body=person, tracking=surface)
     skin = run(skinning, body=inside, tracking=surface)
     garments = run(cloth, capture=recording, body=inside, tracking=surface, skinning=skin)
-    run(appearance, capture=recording, tracking=surface)
+    run(appearance, capture=recording, tracking=surface, body=inside, skinning=skin)
     run(gap, capture=recording, tracking=surface, body=inside, cloth=garments)
 
 

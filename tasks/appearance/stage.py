@@ -1,13 +1,18 @@
 """The door of appearance: the garments' and the skin's texture from the pictures, in closed form."""
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from storage_schemas.appearance import Appearance
 from storage_schemas.capture import Capture
+from storage_schemas.registration import Registration
+from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.appearance.albedo import solve_albedo
+from tasks.geometry.parts import skin_vertices
 from tasks.recorded import recorded
+from tasks.skinning.linear_blend import repose
 from tasks.stage import Job, Parameters, stage
 
 
@@ -21,9 +26,11 @@ class AppearanceParameters(Parameters):
     fit_gain: bool = True
 
 
-@stage("appearance", version=2, pool="rendering", timeout_s=4 * 3600)
-def appearance(job: Job, capture: Capture, tracking: Tracking, parameters: AppearanceParameters) -> Appearance:
-    """Solve for the albedo; the mesh that blocks light is the tracked surface."""
+@stage("appearance", version=3, pool="rendering", timeout_s=4 * 3600)
+def appearance(
+    job: Job, capture: Capture, tracking: Tracking, body: Registration, skinning: Skinning, parameters: AppearanceParameters
+) -> Appearance:
+    """Solve for the albedo; the mesh that blocks light is the tracked garments and the skin that the registered body carries."""
     recording = recorded(capture, job.recording)
     count = len(tracking.vertices)
     frames = sorted(set(np.linspace(0, count - 1, parameters.frames).round().astype(int).tolist()))
@@ -32,7 +39,7 @@ def appearance(job: Job, capture: Capture, tracking: Tracking, parameters: Appea
         lambda frame, camera: recording.read_rgb(camera, frame),
         lambda frame, camera: recording.read_mask(camera, frame),
         recording.cameras,
-        tracking.vertices.astype(float),
+        _surface(tracking, body, skinning),
         tracking.faces,
         tracking.uv_vertices.astype(float),
         tracking.uv_faces,
@@ -53,3 +60,14 @@ def appearance(job: Job, capture: Capture, tracking: Tracking, parameters: Appea
         gains=found.gain.astype(np.float32),
         training_frames=tuple(frames),
     )
+
+
+def _surface(tracking: Tracking, body: Registration, skinning: Skinning) -> NDArray[np.float64]:
+    """The tracked surface [frame, V, 3] m with its skin as the avatar wears it: as tracked, hidden skin shows through garments. A surface of
+    one piece stays as it is, for nobody knows what of it is skin.
+    """
+    x, part = tracking.vertices.astype(float), np.asarray(tracking.part_names)[tracking.part_of_face]
+    skin = skin_vertices(tracking.faces, part, x.shape[1])
+    if not skin.all():
+        x[:, skin] = repose(skinning.rest_vertices[skin].astype(float), skinning.weights[skin].astype(float), body.transforms.astype(float))
+    return x

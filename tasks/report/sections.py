@@ -62,6 +62,7 @@ def _median(values: NDArray) -> float | None:
 def tracking_section(
     images: Sequence[NDArray],
     cameras: Cameras,
+    t: int,
     vertices: NDArray,
     faces: NDArray,
     part: NDArray,
@@ -69,13 +70,18 @@ def tracking_section(
     seen: NDArray,
     noise_m: NDArray,
 ) -> Section:
-    """The tracked surface over the pictures; rms [frame], seen and noise_m [frame, vertex]."""
+    """The tracked surface over the pictures of frame t; vertices [frame, vertex, 3] m, rms [frame], seen and noise_m [frame, vertex].
+
+    Skin that no two cameras saw is not drawn: it went with the body of the keypoints, through the garments where that errs.
+    """
     names = sorted(set(part.tolist()) - {SKIN})
     colour = np.full((len(faces), 3), 200.0)
     for name, rgb in zip(names, GARMENT_COLOURS):
         colour[part == name] = rgb
+    x, followed = vertices[t], (part != SKIN) | seen[t][faces].all(1)
     drawn = [
-        crop_to(draw_mesh(i, cameras, c, vertices, faces, colour=colour, opacity=0.55), cameras, c, vertices) for c, i in enumerate(images)
+        crop_to(draw_mesh(i, cameras, c, x, faces[followed], colour=colour[followed], opacity=0.55), cameras, c, x)
+        for c, i in enumerate(images)
     ]
     rows = [
         ["photometric rms, last frame", float(rms[-1])],
@@ -85,7 +91,7 @@ def tracking_section(
     return Section(
         "Tracking",
         tables=[Table(["figure", "value"], rows)],
-        figures=[Figure(data_uri(strip(drawn)), f"Tracked surface; garments: {', '.join(names)}.")],
+        figures=[Figure(data_uri(strip(drawn)), f"Tracked surface, without skin that no two cameras saw; garments: {', '.join(names)}.")],
     )
 
 

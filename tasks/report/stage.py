@@ -36,7 +36,7 @@ class ReportParameters(Parameters):
     stages: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
-@stage("report", version=3, pool="rendering", timeout_s=1800)
+@stage("report", version=4, pool="rendering", timeout_s=1800)
 def report(
     job: Job,
     capture: Capture,
@@ -102,9 +102,9 @@ def _gap(view: _View, cloth: Cloth, gap: Gap, fps: float) -> Section:
 
 def _tracking(view: _View, tracking: Tracking) -> Section:
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
-    x = tracking.vertices[view.t].astype(float)
+    x = tracking.vertices.astype(float)
     return sections.tracking_section(
-        view.images, view.rig, x, tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
+        view.images, view.rig, view.t, x, tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
     )
 
 

@@ -369,3 +369,15 @@ def test_the_demo_is_told_whether_what_was_planted_is_named_and_how_much_it_is_b
             "planted air_normal_drag is in the class named": float(bool(named)),
             "probability given to air_normal_drag": pytest.approx(0.85),
         }
+
+
+def test_the_demo_with_what_was_planted_in_its_model_is_told_how_strong_it_was_found():
+    """What is left has another name or none, which says nothing of the planted effect."""
+    still = np.zeros((2, 55, 3)), np.zeros((2, 55, 3))
+    verdict = {"verdict": {"class": []}, "ranking": [{"class": ["none"], "probability": 1.0}]}
+    fabric = {"skirt": {"kappa_s_over_rho": {"value": 0.02}, "air_normal_drag": {"value": 22.0}}}
+    true = {"skirt": {"kappa_s_over_rho": 0.01, "air_normal_drag": 20.0}}
+    given = {"joints": still, "keypoint_joints": still[0], "vertices": still, "garment": {}, "fabric": fabric, "true_fabric": true}
+    found = demo_scores(**given, psnr=np.array([np.nan]), planted="air_normal_drag", verdict=verdict)
+    told = {name: row["value"] for name, row in found.items() if "joint" not in name}
+    assert told == {"skirt: kappa_s_over_rho, estimate/truth": 2.0, "skirt: air_normal_drag, estimate/truth": pytest.approx(1.1)}

@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 
 from tasks.gap.constancy import Constancy, cochran
 from tasks.geometry.cameras import Cameras
+from tasks.geometry.parts import SKIN
 from tasks.report.gap_page import constancy_section
 from tasks.report.page import Section, Table, page
 from tasks.report.pictures import figure_uri
-from tasks.report.sections import cause_section, gap_section
+from tasks.report.sections import cause_section, gap_section, tracking_section
 
 TABLES = {"zones": [], "directions_mm": {}, "bands": [], "frame_mm": [1.0, 1.0]}
 
@@ -24,12 +25,20 @@ def shown(residual_mm):
     corner = np.array([[0, 0], [0, 1], [1, 1], [1, 0.0]])
     x = np.concatenate([np.column_stack([corner + np.array([k, 0]), np.zeros(4)]) for k in range(squares)])
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(squares)]).astype(np.int32)
+    image, camera = black(squares)
+    heat, _ = gap_section(image, camera, 0, x, faces, np.repeat(residual_mm, 4, axis=1), TABLES, 25.0).figures
+    return decoded(heat)[20, 20::40].astype(int), heat.caption
+
+
+def black(squares):
+    """A black picture of metre squares side by side, 40 pixels each, and its camera, a metre in front of them."""
     K, t = np.array([[[40.0, 0, 0], [0, 40, 0], [0, 0, 1]]]), np.array([[0.0, 0, 1]])
     camera = Cameras(("front",), K, np.eye(3)[None], t, np.array([[40 * squares, 40]]), np.zeros((1, 5)))
-    image = np.zeros((40, 40 * squares, 3), np.uint8)
-    heat, _ = gap_section(image, camera, 0, x, faces, np.repeat(residual_mm, 4, axis=1), TABLES, 25.0).figures
-    jpeg = np.frombuffer(base64.b64decode(heat.uri.split(",")[1]), np.uint8)
-    return cv2.imdecode(jpeg, cv2.IMREAD_COLOR_RGB)[20, 20::40].astype(int), heat.caption
+    return np.zeros((40, 40 * squares, 3), np.uint8), camera
+
+
+def decoded(figure):
+    return cv2.imdecode(np.frombuffer(base64.b64decode(figure.uri.split(",")[1]), np.uint8), cv2.IMREAD_COLOR_RGB)
 
 
 def test_what_was_never_seen_is_grey():
@@ -50,6 +59,22 @@ def test_a_gap_of_which_nothing_was_seen_is_drawn_all_the_same():
     colour, caption = shown(np.full((2, 4), np.nan))
     assert colour == pytest.approx(128, abs=6)
     assert "yellow 0.0 mm" in caption
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_skin_in_front_of_cloth_is_drawn_only_where_it_was_seen(seen):
+    """A square of cloth, and skin 2 cm in front of it in the second frame."""
+    square = np.array([[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0.0, 0]])
+    x = np.stack([np.concatenate([square, square + np.array([0, 0, z])]) for z in (0.02, -0.02)])
+    faces, part = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), np.array(["skirt", "skirt", SKIN, SKIN])
+    known = np.ones((2, 8), bool)
+    known[1, 4:] = seen
+    image, camera = black(1)
+    (figure,) = tracking_section([image], camera, 1, x, faces, part, np.zeros(2), known, np.ones((2, 8))).figures
+    picture = decoded(figure)
+    colour = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
+    assert (np.ptp(colour) < 12) == seen  # skin is grey, cloth is not
+    assert colour.max() > 60
 
 
 def test_the_evidence_is_linked_where_it_lies_beside_the_page():
