@@ -78,7 +78,7 @@ def tracking_section(
     colour = np.full((len(faces), 3), 200.0)
     for name, rgb in zip(names, GARMENT_COLOURS):
         colour[part == name] = rgb
-    x, followed = vertices[t], (part != SKIN) | seen[t][faces].all(1)
+    x, followed = vertices[t].astype(float), (part != SKIN) | seen[t][faces].all(1)
     drawn = [
         crop_to(draw_mesh(i, cameras, c, x, faces[followed], colour=colour[followed], opacity=0.55), cameras, c, x)
         for c, i in enumerate(images)

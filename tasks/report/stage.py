@@ -102,9 +102,8 @@ def _gap(view: _View, cloth: Cloth, gap: Gap, fps: float) -> Section:
 
 def _tracking(view: _View, tracking: Tracking) -> Section:
     part = np.asarray(tracking.part_names)[tracking.part_of_face]
-    x = tracking.vertices.astype(float)
     return sections.tracking_section(
-        view.images, view.rig, view.t, x, tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
+        view.images, view.rig, view.t, tracking.vertices, tracking.faces, part, tracking.photometric_rms, tracking.seen, tracking.noise_m
     )
 
 
