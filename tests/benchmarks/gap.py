@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from flows.exam import Folder, diagnose, generate, mark, version
+from flows.exam import Exam, Folder, Task, in_turn, mark, version
 from storage_schemas.durable import replace_file
 from tasks.exam.generator.causes import CAUSES, LIBRARY
 from tasks.exam.generator.recording import reported, tracked
@@ -27,7 +27,6 @@ from tasks.exam.generator.scenes import MOTIONS
 from tasks.exam.generator.stepper import Stepper
 from tasks.exam.generator.strata import NULLS, Question, admissible
 from tasks.exam.generator.subject import drawn_subject, states
-from tasks.exam.scorer.case import area_under_curve, most_changed
 from tests.benchmarks.table import Row, chosen, show
 
 QUICK = bool(os.environ.get("QUICK"))
@@ -35,7 +34,6 @@ LARGE, LARGE_FRAMES, LARGE_DRAG = 3000, 60, 14.0  # vertices, frames, C_n/ρ̄ [
 CASES = Path(os.environ.get("GAP_CASES", "~/.cache/physavatar/bench-gap")).expanduser() / version()[:12]
 SEED = 20261121
 NUMBERED = tuple(enumerate(sorted(LIBRARY)))  # a short run's cases are those of a whole one
-Case = dict[str, Any]  # a row of the scorer
 
 
 def main() -> None:
@@ -95,7 +93,7 @@ def removed() -> Iterator[Row]:
     rows = _sat("removed", [_question(k, "outside", {name: 4.0}, withheld=tuple(sorted(admissible(name)))) for k, name in names])
     wrong = float(np.mean([row["kind"] == "effect" and row["confidence"] >= 0.5 for row in rows])) if rows else np.nan
     yield f"effect removed from the library, {len(rows)}: confident wrong names", wrong, "<= 0.10", wrong <= 0.1
-    places = [row["place"] for row in rows if row["place"] is not None]
+    places = [row["auc"] for row in rows if "auc" in row]
     place = float(np.mean(places)) if places else np.nan
     yield f"    where those that act in places were said to, {len(places)}: area under the curve", place, ">= 0.85", place >= 0.85
 
@@ -150,25 +148,12 @@ def _question(
     return Question(number, stratum, causes, withheld, twist, kind, motions, (SEED, number))
 
 
-def _sat(name: str, asked: list[Question]) -> list[Case]:
-    """Make, diagnose and mark; cases that cannot be made are left out."""
-    folder, rows = Folder(CASES / name), []
-    for question in asked:
-        for number, what in generate(folder, [question]):
-            sys.stderr.write(f"{name} {number}: {what}\n")
-            if folder.made(number):
-                diagnose(folder, number)
-                rows.append(mark(folder, number) | {"place": _place(folder, number)})
-    return rows
-
-
-def _place(folder: Folder, number: int) -> float | None:
-    """Area under the curve of where a local cause is said to act; None where it is not local or nothing was answered."""
-    truth, answer = folder.truth(number), json.loads((folder.answer(number) / "answer.json").read_text())
-    said = None if answer is None else answer["where"].get("vertex_accel")
-    if not truth["local"] or said is None:
-        return None
-    return area_under_curve(np.array(said, float), most_changed(np.array(truth["acceleration"])))
+def _sat(name: str, asked: list[Question]) -> list[dict[str, Any]]:
+    """Made, diagnosed and marked, one after the other; cases that cannot be made are left out."""
+    folder = Folder(CASES / name)
+    exam = Exam(folder, len(asked), SEED, "open")
+    in_turn([Task(exam, question) for question in asked], lambda line: print(f"{name}, {line}", file=sys.stderr))
+    return [mark(folder, question.number) for question in asked if folder.made(question.number)]
 
 
 if __name__ == "__main__":

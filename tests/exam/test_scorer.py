@@ -155,6 +155,13 @@ def test_localisation_is_the_share_of_pairs_in_order():
     assert "auc" not in score(nowhere, answer("effect", [[DRAG]], [([DRAG], 1.0)], vertex_accel=[0.0] * 8 + [1.0, 2.0]))
 
 
+def test_of_causes_that_cannot_be_named_the_row_tells_the_place_and_the_figure_does_not():
+    said = answer("outside_library", [], [(["outside_library"], 0.9)], vertex_accel=[0.0] * 8 + [1.0, 2.0])
+    row = score(truth({DRAG: 1.0}, stratum="outside", withheld=(DRAG,)), said)
+    assert row["auc"] == 1
+    assert next(f for f in summary([row]) if f["metric"] == "localisation, AUC")["cases"] == 0
+
+
 def test_vertices_that_nothing_happens_to_are_not_among_the_most_changed():
     assert most_changed(np.arange(10.0)).tolist() == [False] * 8 + [True] * 2
     assert most_changed(np.array([0.0] * 9 + [1.0])).tolist() == [False] * 9 + [True]

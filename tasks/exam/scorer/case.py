@@ -79,7 +79,7 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         row["probability_of_truth"] = sum(e["probability"] for e in answer["ranking"] if set(e["class"]) == {right})
         row["covered"] = right in answer["answer_set_90"]
     accelerations = answer["where"].get("vertex_accel")
-    if truth["local"] and accelerations is not None and row["expected"] == "effect":
+    if truth["local"] and accelerations is not None:
         changed = most_changed(np.array(truth["acceleration"]))
         if changed.any():
             row["auc"] = area_under_curve(np.array(accelerations, float), changed)

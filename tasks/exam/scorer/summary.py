@@ -38,7 +38,7 @@ def summary(rows: Sequence[Row]) -> list[Row]:
         _share("90 % answer sets that hold the truth", [r for r in asked if "covered" in r], lambda r: r["covered"]),
         _mean("mean size of 90 % answer sets", [r["set_size"] for r in asked if "set_size" in r]),
         calibration_error([r for r in asked if "confidence" in r]),
-        _mean("localisation, AUC", [r["auc"] for r in rows if r.get("auc") is not None]),
+        _mean("localisation, AUC", [r["auc"] for r in rows if r["expected"] == "effect" and r.get("auc") is not None]),
         _mean("closed fraction on held-out motion, median", [r["closed"] for r in single if "closed" in r], np.median),
         _share("negative transfer, of predictions that a name changed", [r for r in rows if "worse" in r], lambda r: r["worse"]),
         _mean("error of the strength, median", [r["strength_error"] for r in single if "strength_error" in r], np.median),
