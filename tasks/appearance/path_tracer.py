@@ -39,11 +39,10 @@ class PathTracer:
         albedo: NDArray,
         *,
         max_depth: int = MAX_DEPTH,
-        variant: str = "llvm_ad_rgb",
     ) -> None:
         """Vertices [V, 3] m of any one frame; albedo [h, w, 3] linear. Raises BadInput for cameras that Mitsuba cannot express."""
         refuse(_lens_faults(cameras))
-        self.mi = load_mitsuba(variant)
+        self.mi = load_mitsuba()
         corners = cut_seams(faces, uv_faces)
         self._vertex = corners.vertex
         mesh = self._mesh(corners.faces, uv_vertices[corners.uv], vertices, albedo)

@@ -6,6 +6,7 @@ by it with a message that says the library was not found. A path that the user h
 
 import os
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -21,13 +22,16 @@ FOLDERS = (
 )
 
 
-def load_mitsuba(variant: str = "llvm_ad_rgb", *, threads: int | None = None) -> ModuleType:
+def load_mitsuba(variant: str | None = None, *, threads: int | None = None) -> ModuleType:
     """The `mitsuba` module set to `variant`; `threads` limits Dr.Jit's pool (1 makes sums, hence pictures, repeatable to the bit).
 
-    Raises RuntimeError with the remedy if the variant needs LLVM and no usable one is installed.
+    Without `variant` the one that is set stays, and llvm_ad_rgb is set where none is: Mitsuba's variant belongs to the process, and a scene
+    made under one is lost under another. Raises RuntimeError with the remedy if the variant needs LLVM and no usable one is installed.
     """
+    if variant is None:
+        variant = (sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None) or "llvm_ad_rgb"
     if variant.startswith("llvm") and not os.environ.get("DRJIT_LIBLLVM_PATH"):
-        os.environ["DRJIT_LIBLLVM_PATH"] = str(find_llvm())
+        os.environ["DRJIT_LIBLLVM_PATH"] = str(find_llvm())  # Dr.Jit reads it when it is imported
     import drjit
     import mitsuba
 

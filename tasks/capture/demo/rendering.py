@@ -40,8 +40,8 @@ class Surface:
 class Renderer:
     """A scene with fixed topology and appearance. `move` sets the vertices of a frame, `render` takes the picture of one camera."""
 
-    def __init__(self, surfaces: Sequence[Surface], vertices: Sequence[Array], *, spp: int = 16, variant: str = "llvm_ad_rgb") -> None:
-        self._mi = load_mitsuba(variant, threads=1)
+    def __init__(self, surfaces: Sequence[Surface], vertices: Sequence[Array], *, spp: int = 16) -> None:
+        self._mi = load_mitsuba(threads=1)
         self._names = [surface.name for surface in surfaces]
         meshes = {s.name: self._mesh(s, x) for s, x in zip(surfaces, vertices, strict=True)}
         self._scene = self._mi.load_dict(

@@ -11,7 +11,6 @@ from tasks.capture.demo.pictures import develop, encode
 from tasks.capture.demo.rendering import Renderer, Surface
 from tasks.capture.demo.rig import ring_cameras
 from tasks.geometry.cameras import Cameras, project
-from tasks.geometry.mitsuba_variant import find_llvm
 
 SQUARE = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 
@@ -97,15 +96,3 @@ def test_the_ring_looks_at_the_actor_from_all_sides() -> None:
     turn = np.sort(np.degrees(np.arctan2(*cameras.centres()[:, [0, 2]].T)))
     assert np.diff(turn).max() < 60
     assert (cameras.centres()[:, 1] > 1.6).sum() == 2
-
-
-def test_llvm_of_a_usable_version_is_preferred_and_absence_names_the_package(tmp_path) -> None:
-    for name in ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM.so.19.1", "libLLVM-22.so"):
-        (tmp_path / name).touch()
-    assert find_llvm((str(tmp_path),)).name in {"libLLVM.so.19.1", "libLLVM-19.so"}
-
-
-def test_without_llvm_the_package_is_named(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("pathlib.Path.glob", lambda self, pattern: iter([tmp_path / "libLLVM-14.so.1"]))
-    with pytest.raises(RuntimeError, match=r"only version 14\). Install it with: sudo apt-get install libllvm19"):
-        find_llvm((str(tmp_path),))
