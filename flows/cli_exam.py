@@ -58,29 +58,30 @@ def exam(
 
     if engine != "own":
         exam_engine.prepare(_say)
-    folder = out / blind.folder_name(seed, split, engine)
-    sitting = blind.Exam(blind.Folder(folder), cases, seed, split, engine)
+    folder = blind.Folder(out / blind.folder_name(seed, split, engine))
+    sitting = blind.Exam(folder, cases, seed, split, engine)
     beside = chosen(tuple(library.rivals()) if rivals else rival)
     result = blind.sit(sitting, rivals=beside, spread=_spread(at_once, service=service), say=_say)
-    return _tell(result, folder, json_)
+    return _tell(result, folder, seed, json_)
 
 
 def _say(line: str) -> None:
     ERR.print(line, markup=False, highlight=False)
 
 
-def _tell(result: dict[str, Any], folder: Path, json_: bool) -> int:
+def _tell(result: dict[str, Any], folder: Any, seed: int, json_: bool) -> int:
     """Page and JSON into the folder, and what was asked for to stdout."""
     from tasks.exam.scorer.page import page
 
-    folder.mkdir(parents=True, exist_ok=True)  # nobody has made it where every case is on the scoreboard already
-    (folder / "exam.html").write_text(page(result))
-    (folder / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
+    rests_on = {(seed, row["number"]): address for row in result["rows"] if (address := folder.rests_on(row["number"]))}
+    folder.root.mkdir(parents=True, exist_ok=True)  # nobody has made it where every case is on the scoreboard already
+    (folder.root / "exam.html").write_text(page(result, rests_on))
+    (folder.root / "exam.json").write_text(json.dumps(result, indent=1) + "\n")
     if json_:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")
     else:
         _show(result)
-        ERR.print(f"page: {folder / 'exam.html'}", markup=False)
+        ERR.print(f"page: {folder.root / 'exam.html'}", markup=False)
     return OK if result["rows"] else STAGE_FAILED
 
 
@@ -134,8 +135,8 @@ def pictures(*, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", out
     from flows import exam_pictures
     from flows.exam_scoreboard import PICTURES
 
-    folder = out / blind.folder_name(seed, split, PICTURES)
-    return _tell(exam_pictures.sit(blind.Folder(folder), cases, seed, split, say=_say), folder, json_)
+    folder = blind.Folder(out / blind.folder_name(seed, split, PICTURES))
+    return _tell(exam_pictures.sit(folder, cases, seed, split, say=_say), folder, seed, json_)
 
 
 @app.command
@@ -218,10 +219,9 @@ def _show_beside(beside: dict[str, dict[str, float | None]], metrics: list[str])
 
 def _show_figures(result: dict[str, Any]) -> None:
     from tasks.exam.scorer.engine import heading
-    from tasks.exam.scorer.page import number
+    from tasks.exam.scorer.page import interval, number
 
     table = Table("metric", "value", "95 %", "cases", box=None, header_style="bold", title=heading(result), title_justify="left")
     for f in result["figures"]:
-        spread = "" if f["low"] is None else f"{f['low']:.3g} … {f['high']:.3g}"
-        table.add_row(f["metric"], number(f["value"]), spread, str(f["cases"]))
+        table.add_row(f["metric"], number(f["value"]), interval(f), str(f["cases"]))
     OUT.print(table)

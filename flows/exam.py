@@ -83,6 +83,11 @@ class Folder:
         """Whether the diagnosis has answered the case, or a rival."""
         return (self.answer(number, rival) / "answer.json").exists()
 
+    def rests_on(self, number: int) -> str | None:
+        """Where the page of the diagnosis lies, seen from this folder; None where no answer to this case brought one."""
+        page = self.answer(number) / "report.html"
+        return page.relative_to(self.root).as_posix() if page.exists() else None
+
     def keep_answer(self, number: int, rival: str | None, answer: Row | None, beside: Mapping[str, Path], errors: str) -> None:
         """What was said on stderr, of the files beside the answer those that were written, then the answer: None is one that failed."""
         out = self.answer(number, rival)

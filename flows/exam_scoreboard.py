@@ -51,7 +51,9 @@ def entered(split: str, attempt: Row, scoreboard: Path) -> Row:
 def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     """Figures of this attempt's engine: of an open exam those of the attempt, of a sealed one those of its version. Other engines stand apart."""
     if split == "open":
-        return {"split": split, "version": None, "left_out": attempt["left_out"], "apart": {}} | figures(attempt["engine"], [attempt])
+        return {"split": split, "version": attempt["version"], "left_out": attempt["left_out"], "apart": {}} | figures(
+            attempt["engine"], [attempt]
+        )
     of, engine = attempt["version"], attempt["engine"]
     others = sorted({a.get("engine", OWN) for a in _of_version(scoreboard, of)} - {engine})
     apart = {other: figures(other, attempts(scoreboard, of, other)) for other in others}
@@ -87,7 +89,7 @@ def figures(engine: str, attempts: Sequence[Row]) -> Row:
         "too_small": [row["number"] for case, row in pool.items() if case not in ours],
         "figures": summary(rows),
         "rivals": rivals,
-        "rows": rows,
+        "rows": [row | {"seed": seed} for (_, seed, _), row in ours.items()],
     }
 
 

@@ -35,7 +35,7 @@ def test_an_exam_of_nothing_or_by_nobody_is_refused(tmp_path, monkeypatch, capsy
 
 def test_the_page_is_written_where_nothing_was_left_to_do(tmp_path, monkeypatch, capsys):
     """As of an exam whose cases are all on the scoreboard, on a machine that has made none of them."""
-    attempt = {"engine": exam_scoreboard.OWN, "left_out": [], "cases": [], "rivals": {}}
+    attempt = {"version": "0" * 64, "engine": exam_scoreboard.OWN, "left_out": [], "cases": [], "rivals": {}}
     told = exam_scoreboard.result("open", attempt, tmp_path / "board.jsonl")
     monkeypatch.setattr(exam, "sit", lambda *_, **__: told)
     run("--out", str(tmp_path / "exam"), "--json")

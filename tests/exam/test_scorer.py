@@ -14,7 +14,15 @@ from tasks.exam.scorer.listing import HEAD, listing
 from tasks.exam.scorer.page import page
 from tasks.exam.scorer.summary import calibration_error, confusion, summary
 
-OWN = {"split": "open", "version": None, "left_out": [], "engine": "own", "null_residual_mm": None, "too_small": [], "apart": {}}
+OWN = {
+    "split": "open",
+    "version": "0123456789abcdef",
+    "left_out": [],
+    "engine": "own",
+    "null_residual_mm": None,
+    "too_small": [],
+    "apart": {},
+}
 
 
 def truth(causes: dict[str, float], *, stratum: str = "single", withheld: tuple[str, ...] = (), multiple: float = 4.0) -> dict:
@@ -269,9 +277,18 @@ def test_summary_and_page_hold_every_case():
     assert figures["false attribution on nulls"]["value"] == 1
     assert figures["top-1, single effects from 2x the floor"]["cases"] == 1
     assert figures["top-1, single effects near 1x the floor"]["value"] == 0
-    result = OWN | {"cases": 3, "figures": summary(rows), "rivals": {}, "rows": rows}
+    result = OWN | {"cases": 3, "figures": summary(rows), "rivals": {}, "rows": [row | {"seed": 0} for row in rows]}
     text = page(result)
     assert text.count("<tr>") >= len(figures) + len(rows) and HEM in text and "Rivals" not in text
+    assert "version 0123456789ab" in text and "href" not in text and "– …" not in text
+
+
+def test_the_page_leads_to_what_an_answer_rests_on():
+    """Of a pool of two seeds only to the page of the case that lies beside it."""
+    row = score(truth({}, stratum="null"), answer("none", [], [(["none"], 1.0)]))
+    result = OWN | {"cases": 2, "figures": summary([row]), "rivals": {}, "rows": [row | {"seed": 0}, row | {"seed": 1}]}
+    text = page(result, {(1, row["number"]): "answers/case-0003/report.html"})
+    assert text.count("href='answers/case-0003/report.html'>3<") == text.count("href") == 1
 
 
 def test_abstaining_is_no_answer_of_none_and_a_doubtful_wrong_name_is_no_confident_one():
@@ -320,7 +337,7 @@ def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
     ours = [score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])), score(truth({DRAG: 1.0}), None)]
     theirs = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 1.0), (["none"], 0.0)]))
     slow = {"cases": 1, "figures": summary([theirs]), "ours": summary(ours[:1]), "rows": [theirs]}
-    result = OWN | {"cases": 2, "figures": summary(ours), "rows": ours}
+    result = OWN | {"cases": 2, "figures": summary(ours), "rows": [row | {"seed": 0} for row in ours]}
     result["rivals"] = {"quick": {"cases": 2, "figures": summary(ours), "ours": summary(ours), "rows": ours}, "slow": slow}
     beside = columns(result)
     assert list(beside) == ["diagnosis (2)", "quick (2)", "diagnosis (1)", "slow (1)"]

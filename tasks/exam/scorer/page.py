@@ -15,16 +15,16 @@ STYLE = (
 )
 
 
-def page(result: Mapping[str, Any]) -> str:
-    """HTML of the result of `flows.exam.sit`."""
-    of = f", version {result['version'][:12]} (all attempts pooled)" if result["version"] else ""
+def page(result: Mapping[str, Any], rests_on: Mapping[tuple[int, int], str] | None = None) -> str:
+    """HTML of the result of `flows.exam.sit`; rests_on: seed and number of a case -> address of the diagnosis' own page, where there is one."""
+    pooled = " (all attempts pooled)" if result["split"] == "sealed" else ""
+    of = f"Split {escape(result['split'])}, version {result['version'][:12]}{pooled}: {result['cases']} cases."
     left = f"<p>Left out, because no garment drawn for them could be simulated: {result['left_out']}.</p>" if result["left_out"] else ""
     apart = "".join(f"<h2>{escape(heading(other))}</h2>{_figures(other)}{_matrix(other['rows'])}" for other in result["apart"].values())
-    shown = ("number", "stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
-    cases = _table(shown, ([_cell(r.get(c)) for c in shown] for r in result["rows"]))
+    cases = _cases(result["rows"], rests_on or {})
     return (
         f"<!doctype html><meta charset='utf-8'><title>Blind check</title><style>{STYLE}</style><h1>Blind check of the diagnosis</h1>"
-        f"<p>Split {escape(result['split'])}{of}: {result['cases']} cases. Shares carry Wilson's 95 % interval, other figures a bootstrap over cases.</p>"
+        f"<p>{of} Shares carry Wilson's 95 % interval, other figures a bootstrap over cases.</p>"
         f"<p>{escape(heading(result))}.</p>{left}{_figures(result)}{_rivals(result)}<h2>What was named for what</h2>{_matrix(result['rows'])}{apart}<h2>Cases</h2>{cases}"
     )
 
@@ -32,8 +32,18 @@ def page(result: Mapping[str, Any]) -> str:
 def _figures(result: Mapping[str, Any]) -> str:
     return _table(
         ("metric", "value", "95 %", "cases"),
-        ((f["metric"], number(f["value"]), f"{number(f['low'])} … {number(f['high'])}", f["cases"]) for f in result["figures"]),
+        ((f["metric"], number(f["value"]), interval(f), f["cases"]) for f in result["figures"]),
     )
+
+
+def _cases(rows: Iterable[Mapping[str, Any]], rests_on: Mapping[tuple[int, int], str]) -> str:
+    shown = ("stratum", "twist", "causes", "multiple", "kind", "named", "credit", "auc", "closed", "seconds")
+
+    def number_of(row: Mapping[str, Any]) -> str:
+        address = rests_on.get((row["seed"], row["number"]))
+        return f"<a href='{escape(address)}'>{row['number']}</a>" if address else str(row["number"])
+
+    return _marked_up(("number", *shown), ([number_of(r), *(escape(_cell(r.get(c))) for c in shown)] for r in rows))
 
 
 def _rivals(result: Mapping[str, Any]) -> str:
@@ -64,8 +74,13 @@ def _matrix(rows: list[Mapping[str, Any]]) -> str:
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    return _marked_up(head, ((escape(str(c)) for c in r) for r in rows))
+
+
+def _marked_up(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table whose cells are HTML already."""
     top = "".join(f"<th>{escape(h)}</th>" for h in head)
-    return f"<table><tr>{top}</tr>" + "".join(f"<tr>{''.join(f'<td>{escape(str(c))}</td>' for c in r)}</tr>" for r in rows) + "</table>"
+    return f"<table><tr>{top}</tr>" + "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in r)}</tr>" for r in rows) + "</table>"
 
 
 def _cell(value: Any) -> str:
@@ -83,3 +98,8 @@ def _cell(value: Any) -> str:
 def number(value: float | None) -> str:
     """Three digits, or all before the point; a dash for nothing."""
     return "–" if value is None else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def interval(figure: Mapping[str, Any]) -> str:
+    """Of a figure of the summary; nothing where no case gave it a value, or no interval."""
+    return "" if figure["value"] is None or figure["low"] is None else f"{number(figure['low'])} … {number(figure['high'])}"
