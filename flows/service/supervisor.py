@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 MARK = "KEPT_BY_PHYSAVATAR"  # not PHYSAVATAR_…: that would be a setting, and an unknown one
+HEEDING_INTERRUPTS = ("env", "--default-signal=INT")  # a shell's `&` has SIGINT ignored, by which Prefect's workers end on SIGTERM
 GRACE_S = 15.0
 PAUSE_S = (0.0, 1.0, 5.0, 15.0, 30.0)  # before the first, second, … start again; a run of five minutes counts as a success
 SUCCESS_S = 300.0
@@ -60,25 +61,35 @@ class Supervisor:
                 self._start(kept)
 
     def end(self, grace_s: float = GRACE_S) -> None:
-        """Ask all but the first, all at once, then the first, which they may need to say goodbye; kill what does not end and what it started."""
+        """Ask all but the first, all at once, then the first, which they may need to say goodbye; kill what does not end and what it started.
+
+        A second interrupt meanwhile kills all at once.
+        """
         running = [kept.process for kept in self.kept.values() if kept.process is not None]
-        for together in (running[1:], running[:1]):
-            for process in together:
-                _signal_group(process.pid, signal.SIGTERM)
-            until = time.monotonic() + grace_s
-            for process in together:
-                try:
-                    process.wait(max(until - time.monotonic(), 0.0))
-                except subprocess.TimeoutExpired:
-                    _signal_group(process.pid, signal.SIGKILL)
-                    process.wait()
-        end_marked(self.home)
+        try:
+            for together in (running[1:], running[:1]):
+                for process in together:
+                    _signal_group(process.pid, signal.SIGTERM)
+                until = time.monotonic() + grace_s
+                for process in together:
+                    try:
+                        process.wait(max(until - time.monotonic(), 0.0))
+                    except subprocess.TimeoutExpired:
+                        _signal_group(process.pid, signal.SIGKILL)
+                        process.wait()
+        finally:
+            end_marked(self.home)
 
     def _start(self, kept: Kept) -> None:
         environment = {**self.environment, MARK: str(self.home)}
         with kept.log.open("ab") as log:
             kept.process = subprocess.Popen(
-                kept.command, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                [*HEEDING_INTERRUPTS, *kept.command],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
             )
         kept.started = time.monotonic()
 

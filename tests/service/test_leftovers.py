@@ -1,6 +1,7 @@
 """What outlived its run or its supervisor is found and ended; what is at work is left alone. Real processes."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -40,6 +41,14 @@ def ended(process: subprocess.Popen, seconds: float = 10.0) -> bool:
     return True
 
 
+def wrote(log: Path, seconds: float = 20.0) -> str:
+    """Its first word, once there is one."""
+    until = time.monotonic() + seconds
+    while not log.read_text().strip() and time.monotonic() < until:
+        time.sleep(0.05)
+    return log.read_text().split()[0]
+
+
 @pytest.mark.parametrize("command", ENGINES)
 def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start, command):
     orphan = start(SLEEP, **{RUN_ID: "gone"})
@@ -53,7 +62,7 @@ def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start, comman
 
 def test_a_stopped_orphan_is_ended_too(start):
     orphan = start(SLEEP, **{RUN_ID: "gone"})
-    orphan.send_signal(19)  # SIGSTOP
+    orphan.send_signal(signal.SIGSTOP)
     end_orphans()
     assert ended(orphan)
 
@@ -86,6 +95,37 @@ def test_what_dies_at_once_is_not_started_in_a_hurry(tmp_path):
         time.sleep(0.02)
     supervisor.end()
     assert 1 <= starts <= 2
+
+
+def test_a_second_interrupt_leaves_nothing_running(tmp_path):
+    supervisor = Supervisor(tmp_path, os.environ, lambda text: None)
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)"
+    supervisor.keep("worker", [sys.executable, "-c", deaf])
+    kept = supervisor.kept["worker"]
+    assert wrote(kept.log) == "deaf"
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            supervisor.end(grace_s=30)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert ended(kept.process)
+
+
+def test_what_a_shell_keeps_from_interrupts_still_ends_on_sigterm(tmp_path):
+    """As Prefect's workers do, which hand SIGTERM on to themselves as SIGINT; `physavatar up &` in a script starts with SIGINT ignored."""
+    supervisor = Supervisor(tmp_path, os.environ, lambda text: None)
+    worker = "import os, signal, time; signal.signal(15, lambda *_: os.kill(os.getpid(), 2)); print('ready', flush=True); time.sleep(60)"
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        supervisor.keep("worker", [sys.executable, "-c", worker])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    kept = supervisor.kept["worker"]
+    assert wrote(kept.log) == "ready"
+    supervisor.end(grace_s=20)
+    assert kept.process.returncode == -signal.SIGINT
 
 
 def test_what_a_killed_supervisor_left_is_found_by_its_mark(tmp_path, start):
