@@ -50,11 +50,9 @@ def entered(split: str, attempt: Row, scoreboard: Path) -> Row:
 
 def result(split: str, attempt: Row, scoreboard: Path) -> Row:
     """Figures of this attempt's engine: of an open exam those of the attempt, of a sealed one those of its version. Other engines stand apart."""
-    if split == "open":
-        return {"split": split, "version": attempt["version"], "left_out": attempt["left_out"], "apart": {}} | figures(
-            attempt["engine"], [attempt]
-        )
     of, engine = attempt["version"], attempt["engine"]
+    if split == "open":
+        return {"split": split, "version": of, "left_out": attempt["left_out"], "apart": {}} | figures(engine, [attempt])
     others = sorted({a.get("engine", OWN) for a in _of_version(scoreboard, of)} - {engine})
     apart = {other: figures(other, attempts(scoreboard, of, other)) for other in others}
     pool = attempts(scoreboard, of, engine)
