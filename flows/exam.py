@@ -29,7 +29,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flows import exam_engine
-from flows.exam_scoreboard import OWN, SCOREBOARD, entered, result, sat
+from flows.exam_scoreboard import OWN, SCOREBOARD, diagnoses, entered, result, sat
 from storage_schemas.durable import replace_file
 from tasks.child_process import run_in_children
 from tasks.exam.generator import other_engine
@@ -298,25 +298,26 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
         yield Path(place), text if code == 0 else "", errors
 
 
-def mark(folder: Folder, number: int, rival: str | None = None) -> Row:
-    """The row of a case that was answered; what a rival closes is told against the diagnosis' prediction without any cause, the same for
-    all.
+def mark(folder: Folder, number: int, rival: str | None = None, before_mm: float | None = None) -> Row:
+    """The row of a case that was answered. before_mm: the gap that is to be closed, where it is not that of the answer's own base.
 
     Raises ValueError if the truth was touched.
     """
     truth, out = folder.truth(number), folder.answer(number, rival)
     answer = json.loads((out / "answer.json").read_text())
-    prediction = _predicted(out) if answer is not None else None
-    if prediction is not None and rival is not None:
-        prediction |= {"before": (_predicted(folder.answer(number)) or prediction)["before"]}
+    predicted = out / "pred.npz"
+    prediction = dict(np.load(predicted, allow_pickle=False)) if answer is not None and predicted.exists() else None
     held_out = dict(np.load(folder.sealed(number) / "held-out.npz", allow_pickle=False))
-    return score(truth, answer) | closing(prediction, held_out, truth["floor_mm"] / 1e3)
+    return score(truth, answer) | closing(prediction, held_out, truth["floor_mm"] / 1e3, before_mm)
 
 
-def _predicted(out: Path) -> dict[str, Any] | None:
-    """before, after [T, V, 3] m; None where nothing was predicted."""
-    file = out / "pred.npz"
-    return dict(np.load(file, allow_pickle=False)) if file.exists() else None
+def mark_rivals(exam: Exam, tasks: Sequence[Task], rivals: Sequence[Rival], ours: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows of every rival that answered cases which exist. What any of them closes is told against the diagnosis' prediction without a
+    cause, as its own row of the case has it.
+    """
+    before = {row["number"]: row.get("before_mm") for row in ours}
+    by_rival = {r.name: [t.question.number for t in tasks if r.name in t.rivals] for r in rivals}
+    return {name: [mark(exam.folder, n, name, before.get(n)) for n in numbers] for name, numbers in by_rival.items()}
 
 
 def sit(
@@ -337,7 +338,8 @@ def sit(
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
     attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
-    attempt["rivals"] = {r.name: [mark(exam.folder, t.question.number, r.name) for t in made if r.name in t.rivals] for r in rivals}
+    ours = [*diagnoses(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
+    attempt["rivals"] = mark_rivals(exam, made, rivals, ours)
     return entered(exam.split, attempt, scoreboard) if wanted else result(exam.split, attempt, scoreboard)
 
 

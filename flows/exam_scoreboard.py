@@ -32,6 +32,11 @@ def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[Case, Row]
     return first
 
 
+def diagnoses(scoreboard: Path, of: str, seed: int, engine: str) -> list[Row]:
+    """The diagnosis' rows of the cases of a version's seed."""
+    return [row for (_, own, _), row in pooled(attempts(scoreboard, of, engine)).items() if own == seed]
+
+
 def sat(scoreboard: Path, of: str, seed: int, engine: str, rival: str | None = None) -> set[int]:
     """Numbers of the cases of a version's seed that the diagnosis, or a rival, has answered in earlier attempts, and of those that could not be made."""
     earlier = [attempt for attempt in attempts(scoreboard, of, engine) if attempt["seed"] == seed]

@@ -1,6 +1,7 @@
 """The truth is sealed, the examined process cannot open it, and the scoreboard only grows."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -225,15 +226,29 @@ def test_another_edition_of_the_exam_is_not_pooled_with_this_one(folder, tmp_pat
     assert exam_scoreboard.every_version(board, edition=1)["cases"] == 1
 
 
-def test_what_a_rival_closes_is_told_against_the_diagnosis_own_before(folder):
-    """A worse base of its own would leave a rival more to close."""
+def test_what_a_rival_closes_is_told_against_the_diagnosis_own_before(folder, tmp_path_factory, monkeypatch):
+    """A worse base of its own would leave a rival more to close. So too where the diagnosis answered on another machine."""
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
+    guess = Rival("guess", "guesses", "nobody", lambda case: None)
+    other_machine = tmp_path_factory.mktemp("elsewhere")
+    elsewhere = exam.Folder(shutil.copytree(folder.root, other_machine / "exam"))
+    predicted(folder, None, before=0.01)
+    for rival_in in (folder, elsewhere):
+        predicted(rival_in, "guess", before=0.05)
+        board = other_machine / f"{rival_in.root.name}.jsonl"
+        exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
+        exam.sit(exam.Exam(rival_in, 1, 0, "sealed"), rivals=[guess], scoreboard=board)
+        (row,) = json.loads(board.read_text().splitlines()[1])["rivals"]["guess"]
+        assert row["before_mm"] == pytest.approx(10) and row["after_mm"] == pytest.approx(20) and row["worse"]
+    assert exam.mark(folder, 7, "guess")["before_mm"] == pytest.approx(50)  # what it would be by its own
+
+
+def predicted(folder, rival, *, before):
+    """An answer whose base predicts so many metres beside the truth, and which predicts 20 mm beside it."""
     x = np.zeros((3, 2, 3))
-    for rival, before in ((None, 0.01), ("guess", 0.05)):
-        folder.keep_answer(7, rival, None, {}, "")
-        (folder.answer(7, rival) / "answer.json").write_text(json.dumps(ANSWER))
-        np.savez(folder.answer(7, rival) / "pred.npz", before=x + np.array([before, 0, 0]), after=x + np.array([0.02, 0, 0]))
-    assert exam.mark(folder, 7)["before_mm"] == pytest.approx(10)
-    assert exam.mark(folder, 7, "guess")["before_mm"] == pytest.approx(10) and exam.mark(folder, 7, "guess")["worse"]
+    folder.keep_answer(7, rival, None, {}, "")
+    (folder.answer(7, rival) / "answer.json").write_text(json.dumps(ANSWER))
+    np.savez(folder.answer(7, rival) / "pred.npz", before=x + np.array([before, 0, 0]), after=x + np.array([0.02, 0, 0]))
 
 
 def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp_path, monkeypatch):

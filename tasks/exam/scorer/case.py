@@ -86,8 +86,12 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
     return row
 
 
-def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any], floor_m: float) -> dict[str, Any]:
+def closing(
+    prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any], floor_m: float, before_mm: float | None = None
+) -> dict[str, Any]:
     """How far a blind prediction closes the gap: before, after [T, V, 3] m against the recording that was held out, driven nodes aside.
+
+    before_mm: the gap that is to be closed, where it is not that of `before`.
 
     Frames that the blind file showed do not count. `worse` only where the prediction changed: nothing is carried over where nothing was
     named.
@@ -99,6 +103,8 @@ def closing(prediction: Mapping[str, Array] | None, held_out: Mapping[str, Any],
     seen[:2] = False
     seen[:, held_out["boundary"]] = False
     E = {k: float(np.mean(np.sum((prediction[k] - x)[seen] ** 2, -1))) for k in ("before", "after")}
+    if before_mm is not None:
+        E["before"] = (before_mm / 1e3) ** 2
     row: dict[str, Any] = {"before_mm": 1e3 * E["before"] ** 0.5, "after_mm": 1e3 * E["after"] ** 0.5}
     if E["after"] != E["before"]:
         row["worse"] = E["after"] > 1.05 * E["before"]
