@@ -91,6 +91,14 @@ def follow(job: Job) -> Evidence:
     return Evidence(replace(found, columns=kept), equations, residual, job.offsets, job.start)
 
 
+def follow_nearer(job: Job) -> Evidence:
+    """The window followed with its derivatives taken about the start that they ask for (`nearer_start`), whatever `job.start` is."""
+    plain = replace(job, columns=False, forced=False, offsets={}, start={})
+    found = follow(plain)
+    start = nearer_start(plain, found, found.prediction.x)[0] if found.prediction.complete else {}
+    return follow(replace(job, start=start))
+
+
 def follow_corrected(job: Job) -> Evidence:
     """The window simulated again from the start that its derivatives ask for, twice; `residual` is of the last one.
 

@@ -54,7 +54,7 @@ def confusability(windows: Windows, effects: Sequence[Effect]) -> Confusability:
 
 def over_scales(windows: Windows) -> list[Normals]:
     """Normal equations of every window [W], over its own scale s_w."""
-    return [Normals(n.names, n.G / s, n.g / s, n.c / s, n.n) for n, s in zip(windows.normals, windows.overdispersion, strict=True)]
+    return [Normals(n.names, n.G / s, n.g / s, n.c / s, n.n) for n, s in zip(windows.normals, windows.scale, strict=True)]
 
 
 def signatures(windows: Windows, columns: Sequence[str]) -> Normals:

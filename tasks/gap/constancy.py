@@ -112,7 +112,7 @@ def directions(named: Fitted) -> dict[str, dict[str, float]]:
 def _directed(windows: Windows, named: Fitted) -> list[Normals]:
     """Per window: base parameters, and one column per named effect."""
     found, along = [], directions(named)
-    for n, s in zip(windows.normals, windows.overdispersion, strict=True):
+    for n, s in zip(windows.normals, windows.scale, strict=True):
         T = np.zeros((len(n.names), len(PARAMETERS) + len(along)))
         T[n.index(PARAMETERS), range(len(PARAMETERS))] = 1
         for k, θ in enumerate(along.values(), len(PARAMETERS)):

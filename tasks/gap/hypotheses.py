@@ -5,10 +5,17 @@ nameless minimise
 
     F = Σ_w J_w(θ)/s_w + log|C_w| + prior,     J_w = (r_w − S_w θ)ᵀ C_w⁻¹ (r_w − S_w θ),     C_w = R + S_z P S_zᵀ + D Dᵀ + σ_a² S_a S_aᵀ
 
-within the effects' plausible ranges; s_w is how much the window misfits even with all effects at once. Forcing explains anything, but anew
-in every window (`cloth/forcing.py`): a hypothesis gains by what it explains with one strength. What folds and contacts do in windows is
-still no white noise, so Δ = F(without) − F(with) is no χ². With c_w the score of window w at θ̂ and I the information, both with the base
-taken out,
+within the effects' plausible ranges. A window that misfits m_w ≥ 1 times per coordinate even with all effects at once, at whatever
+strengths it asks for itself, holds something that none explains: folds that fell otherwise, some `LEFT` independent numbers and not n_w. A
+remainder of m_w − 1 of the noise's variance in so few numbers makes the score of a smooth cause vary n_w/`LEFT` times as much as white
+noise of its size would, so
+
+    s_w = 1 + (m_w − 1) n_w/LEFT,     W = (Σ_w 1/s_w)²/Σ_w 1/s_w²
+
+and a window that kinks has next to no say beside one that is explained (generalised least squares, with windows as clusters); W is how many
+windows that leaves in effect (Kish 1965). Forcing explains anything, but anew in every window (`cloth/forcing.py`): a hypothesis gains by
+what it explains with one strength. What folds and contacts do in windows is still no white noise, so Δ = F(without) − F(with) is no χ².
+With c_w the score of window w at θ̂ and I the information, both with the base taken out,
 
     φ = Σ_w (c_w − c̄)ᵀ I⁻¹ (c_w − c̄) / K · W/(W − 1)
 
@@ -22,7 +29,7 @@ are the log likelihood ratio (Student's) and the log Bayes factor against the hy
 typical strength: a cause of a hundredth of its usual strength is more often the mesh. Effects of a compound are weighed one after the
 other, each beside those before it.
 
-Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clusters); Kass & Raftery 1995. Limits: linear in θ.
+Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clusters); Kass & Raftery 1995; Kish 1965, § 11.7. Limits: linear in θ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,7 +58,7 @@ NOWHERE: Mapping[str, float] = MappingProxyType({})
 BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 FORCING = (0.0, *(float(a) for a in np.geomspace(0.03, 10.0, 11)))  # candidates for σ_a [m/s²]
 FORM = 0.1  # relative standard deviation of a strength between implementations of its law: drag of faces or of vertices, angle or tangent of a hinge
-LEFT = 50  # independent numbers that what a window leaves beyond noise is worth: folds that fell otherwise, not thousands of witnesses
+LEFT = 50  # independent numbers that what a window leaves beyond noise is worth
 RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 
@@ -85,7 +92,7 @@ class Fitted:
     """A hypothesis: effects, steps of the base parameters' logarithms and their covariance, strengths column -> value, their covariance [K,
     K].
 
-    misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect; forcing: σ_a [m/s²] that is left.
+    misfits [W]: of each window beyond noise, fitted on the others; weights: of each effect; forcing: σ_a [m/s²] that is left; freedom: ν.
     support: log Bayes factor against the base by replays of whole recordings, once it was simulated (`replay.py`).
     """
 
@@ -97,6 +104,7 @@ class Fitted:
     misfits: Array
     weights: tuple[Weight, ...]
     forcing: float = 0.0
+    freedom: float = KNOWN
     support: float | None = None
 
     @property
@@ -115,8 +123,8 @@ class Fitted:
         return " + ".join(e.name for e in self.effects) or "none"
 
     def quantile(self, level: float) -> float:
-        """Of Student's t with the ν of the windows: how many standard deviations off a strength or base parameter may be."""
-        return float(stdtrit(_freedom(len(self.misfits)), level))
+        """Of Student's t: how many standard deviations off a strength or base parameter may be."""
+        return float(stdtrit(self.freedom, level))
 
     def θ(self, effect: Effect) -> Array:
         """Strengths [K] of one effect."""
@@ -202,7 +210,7 @@ class Forced:
         c = np.array([g - G @ step for G, g in each]) @ np.hstack([-a, np.eye(K)]).T
         unseen = np.diag(1 / (RIDGE * effect.typical) ** 2)  # a component that moves nothing is as uncertain as it was
         inverse = np.linalg.inv(A[p:, p:] - a @ A[:p, p:] + unseen)
-        spread, W = c - c.mean(0), len(each)
+        spread, W = c - c.mean(0), in_effect(self.scale)
         φ = float(np.einsum("wi,ij,wj->", spread, inverse, spread)) / K * W / max(W - 1, 1)
         return Scores(θ[p:], φ, inverse)
 
@@ -224,7 +232,6 @@ class Windows:
         self.given, self.effects, self.origin, self.feigned = list(normals), list(effects), dict(origin), dict(feigned)
         self._losses: dict[tuple[Effect, ...], tuple[float, float]] = {}
         self._medians: dict[tuple[Effect, ...], float] = {}
-        self._unforeseen: dict[tuple[Effect, ...], float] = {}
         self._sizes: dict[float, list[Normals]] = {}
 
     def __len__(self) -> int:
@@ -243,14 +250,24 @@ class Windows:
 
     @cached_property
     def overdispersion(self) -> Array:
-        """s_w [W] ≥ 1: misfit per coordinate with every effect allowed."""
-        return np.maximum(1.0, self._allowed(np.ones(len(self))))
+        """m_w [W] ≥ 1: misfit per coordinate with every effect allowed, in each window for itself."""
+        return np.maximum(1.0, self._each_alone(self.effects))
+
+    @cached_property
+    def scale(self) -> Array:
+        """s_w [W] ≥ 1."""
+        return self._scaled_for(self.overdispersion)
+
+    @property
+    def freedom(self) -> float:
+        """ν, degrees of freedom of a dispersion estimated from these windows and the median of all effects."""
+        return in_effect(self.scale) - 1 + KNOWN
 
     @cached_property
     def noise(self) -> Array:
         """What white noise explains of each misfit [W]: a little less than one per coordinate."""
-        n = np.array([n.n for n in self.given])
-        return (1 - NOISE_DOUBT) * n * np.minimum(1.0, self._allowed(self.overdispersion))
+        forced = Forced(self.normals, self.scale, self.origin)
+        return (1 - NOISE_DOUBT) * np.minimum(self._coordinates, forced.misfits(*forced.solve(self.effects)))
 
     @cached_property
     def base(self) -> Fitted:
@@ -274,7 +291,8 @@ class Windows:
         strengths = dict(zip(names[p:], map(float, θ[p:]), strict=True))
         misfits = np.maximum(misfits - self.noise, 1e-3 * self.noise)
         doubt = np.array([np.hypot(self.feigned.get(c, 0.0), FORM * value) for c, value in strengths.items()])
-        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, covariance[p:, p:] + np.diag(doubt**2), misfits, weights, σ_a)
+        own = covariance[p:, p:] + np.diag(doubt**2)
+        return Fitted(effects, θ[:p], covariance[:p, :p], strengths, own, misfits, weights, σ_a, self.freedom)
 
     def beside(self, normals: Sequence[Normals]) -> "Windows":
         """These windows and further ones, linear about the same."""
@@ -287,32 +305,30 @@ class Windows:
     def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
         """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
 
-        By the same scales, but where that simulation misfits less than the linear prediction with every effect at once, by what it misfits.
-        What it makes of a window beyond what derivatives foretold counts in full where the window is explained; where it is not, another
-        simulation leaves another remainder, and of that only the share counts that `LEFT` numbers have.
+        Both by the same scales: of the linear prediction with every effect at once and that simulation, what misfits a window less.
         """
         there = Windows(normals, self.effects, origin, self.feigned)
-        scale = np.maximum(1.0, np.minimum(self.overdispersion, there._allowed(self.overdispersion, effects)))
-        there.__dict__ |= {"overdispersion": scale, "noise": self.noise, "base": self.base}
-        there._losses[()] = min((Forced(self._at(σ), scale, self.origin).loss(()), σ) for σ in FORCING)
-        there._medians[()] = self._dispersion(())
-        there._unforeseen[tuple(effects)] = self._by_chance(there, tuple(effects))
+        here = Windows(self.given, self.effects, self.origin, self.feigned)
+        least = np.maximum(1.0, np.minimum(self.overdispersion, there._each_alone(effects)))
+        here.__dict__["scale"] = self._scaled_for(least)
+        there.__dict__ |= {"scale": here.scale, "overdispersion": least, "noise": self.noise, "base": here.base}
+        there._losses[()] = here._loss(())
+        there._medians[()] = here._dispersion(())
         return there
 
-    def _by_chance(self, there: "Windows", effects: tuple[Effect, ...]) -> float:
-        """By how much F fell beyond what derivatives foretold, of that what says nothing."""
-        each = []
-        for windows in (self, there):
-            forced = windows._forced(windows._loss(effects)[1])
-            each.append(forced.losses(*forced.solve(effects)))
-        n = np.array([n.n for n in self.given])
-        says = 1 / (1 + (self.overdispersion - 1) * n / LEFT)
-        return float((1 - says) @ (each[0] - each[1]))
+    @property
+    def _coordinates(self) -> Array:
+        """n_w [W]."""
+        return np.array([n.n for n in self.given])
 
-    def _allowed(self, scale: Array, effects: Sequence[Effect] | None = None) -> Array:
-        """Misfit per coordinate [W] with these effects, all by default."""
-        forced = Forced(self.normals, scale, self.origin)
-        return forced.misfits(*forced.solve(self.effects if effects is None else effects)) / [n.n for n in self.given]
+    def _scaled_for(self, misfit: Array) -> Array:
+        """s_w [W] of windows that misfit so many times per coordinate [W]."""
+        return 1 + (misfit - 1) * self._coordinates / LEFT
+
+    def _each_alone(self, effects: Sequence[Effect]) -> Array:
+        """Misfit per coordinate [W] with these effects, at the strengths that each window asks for itself."""
+        alone = (Forced([n], np.ones(1), self.origin) for n in self.normals)
+        return np.array([forced.misfits(*forced.solve(effects))[0] for forced in alone]) / self._coordinates
 
     def _at(self, σ_a: float) -> list[Normals]:
         """With a forcing of size σ_a [m/s²] marginalised."""
@@ -321,7 +337,7 @@ class Windows:
         return self._sizes[σ_a]
 
     def _forced(self, σ_a: float) -> Forced:
-        return Forced(self._at(σ_a), self.overdispersion, self.origin)
+        return Forced(self._at(σ_a), self.scale, self.origin)
 
     def _loss(self, effects: tuple[Effect, ...]) -> tuple[float, float]:
         """Least F of a hypothesis, and the σ_a [m/s²] that it has there."""
@@ -331,11 +347,10 @@ class Windows:
 
     def _weigh(self, effect: Effect, beside: tuple[Effect, ...]) -> Weight:
         loss, σ_a = self._loss((*beside, effect))
-        decrease = self._loss(beside)[0] - loss - self._unforeseen.get((*beside, effect), 0.0)
+        decrease = self._loss(beside)[0] - loss
         scores = self._forced(σ_a).scores(effect, beside)
-        W, own = len(self), scores.dispersion
-        ν = _freedom(W)
-        φ = max(1.0, ((W - 1) * own + KNOWN * self._dispersion(beside)) / ν)
+        ν, own = self.freedom, scores.dispersion
+        φ = max(1.0, ((ν - KNOWN) * own + KNOWN * self._dispersion(beside)) / ν)
         feigned = np.array([self.feigned.get(c, 0.0) for c in effect.columns])
         σ2 = φ * scores.inverse_information + np.diag(feigned**2)
         shows = float(np.sqrt(np.mean((feigned / effect.typical) ** 2)))
@@ -353,9 +368,9 @@ class Windows:
         return self._medians[beside]
 
 
-def _freedom(windows: int) -> int:
-    """ν, degrees of freedom of a dispersion estimated from so many windows and the median of all effects."""
-    return windows - 1 + KNOWN
+def in_effect(scale: Array) -> float:
+    """How many windows there are where each says so much less [W]."""
+    return float(np.sum(1 / scale) ** 2 / np.sum(1 / scale**2))
 
 
 def precision(effects: Sequence[Effect]) -> Array:

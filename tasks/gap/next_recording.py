@@ -87,7 +87,7 @@ def designs(
         if evidence:
             equations = compressed(evidence, screened.prior, effects, screened.doubt)
             G, _ = summed([without_forcing(n, screened.windows.forcing) for n in equations], names)
-            told[motion.said] = G / np.median(screened.windows.overdispersion) * SECONDS * fps / (len(evidence) * length)
+            told[motion.said] = G * np.mean(1 / screened.windows.scale) * SECONDS * fps / (len(evidence) * length)
     first, *others = (_worst(said, now + G, names, pairs) for said, G in told.items())
     return (first, *sorted(others, key=lambda d: -d.apart))
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.base_parameters import moved, with_fabric
 from tasks.cloth.numerics import with_tangents
-from tasks.cloth.shooting import Evidence, Map, follow
+from tasks.cloth.shooting import Evidence, Map, follow, follow_nearer
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
@@ -94,11 +94,15 @@ def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Se
 
 
 def _simulated(model: Model, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map) -> tuple[Evidence, ...]:
-    """The windows of `before` followed with a model whose effects have strengths; all effects keep their tangents."""
-    φ = smooth_modes(model.subject.cloth, MODES)
-    data = restarted(model, data.only(e.prediction.window for e in before), run, φ)
+    """The windows of `before` followed with a model whose effects have strengths; all effects keep their tangents.
+
+    About the starts that the base asked for, but where the model has states of its own: a correction of other states leads nowhere.
+    """
+    φ, own = smooth_modes(model.subject.cloth, MODES), data.only(e.prediction.window for e in before)
+    data = restarted(model, own, run, φ)
     todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=screened.base.prior)
-    return tuple(run(follow, [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, before, strict=True)]))
+    todo = [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, before, strict=True)]
+    return tuple(run(follow if data is own else follow_nearer, todo))
 
 
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:

@@ -11,7 +11,7 @@ from tasks.cloth import windows as cloth_windows
 from tasks.cloth.base_parameters import PARAMETERS, with_fabric
 from tasks.cloth.base_refit import STUCK, refit, stretch_of
 from tasks.cloth.nuisances import Prior
-from tasks.cloth.shooting import Job, follow, follow_corrected, likely_start, nearer_start
+from tasks.cloth.shooting import Job, follow, follow_corrected, follow_nearer, likely_start, nearer_start
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.tracking_noise import Correlation
@@ -246,6 +246,19 @@ def test_the_nearer_start_is_as_near_as_derivatives_say(panel):
     start, nearer = nearer_start(job, found, found.prediction.x)
     assert start and np.linalg.norm(x[9:13] - nearer[1:]) < 1.2 * np.linalg.norm(linear.residual) < 0.3 * np.linalg.norm(found.residual)
     assert nearer_start(job, found, x[8:13]) == ({}, pytest.approx(x[8:13]))  # nothing is nearer than what was seen
+
+
+def test_a_start_asked_for_anew_forgets_the_one_that_other_states_asked_for(panel):
+    """A correction of 20 mm that belonged to other states would be taken off along derivatives 20 mm away."""
+    model, recording, x, v = panel
+    φ = smooth_modes(model.subject.cloth, 6)
+    off = States(x + 1e-3 * φ[0][:, None], v, "converged")
+    job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ, prior=Prior(1e-3, 0.01))
+    asked = nearer_start(job, follow(job), follow(job).prediction.x)[0]
+    others = replace(job, start={"x 0 x": 0.02, "v 1 z": 0.4})
+    plain, kept, anew = (np.linalg.norm(f(j).residual) for f, j in ((follow, job), (follow, others), (follow_nearer, others)))
+    assert follow_nearer(others).start == pytest.approx(asked)
+    assert anew < 1.2 * plain and kept > 2 * plain, (plain, kept, anew)
 
 
 def test_a_start_inside_the_body_explains_nothing(panel):

@@ -15,7 +15,7 @@ def both():
     made = dense(np.random.default_rng(0), lambda k: {"air_normal_drag": 8.0}, alike=0.6, n=60)
     made[3] = (made[3][0], 3 * made[3][1])  # a window that fits badly counts for less
     w = Windows([normals(A, r) for A, r in made], EFFECTS)
-    A = np.concatenate([A / np.sqrt(s) for (A, _), s in zip(made, w.overdispersion, strict=True)])
+    A = np.concatenate([A / np.sqrt(s) for (A, _), s in zip(made, w.scale, strict=True)])
     B = A[:, :2]
     root = np.linalg.inv(np.linalg.cholesky(np.eye(len(A)) + BASE_SPREAD**2 * B @ B.T))
     return w, root @ A

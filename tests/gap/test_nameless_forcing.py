@@ -53,7 +53,7 @@ def test_the_loss_is_the_dense_one_at_its_best_size_of_forcing():
     none = np.nan
     for effects in ((), (DRAG,)):
         columns = NAMES[:2] + [c for e in effects for c in e.columns]
-        each = {σ: dense_loss(given, columns, σ, w.overdispersion) for σ in FORCING}
+        each = {σ: dense_loss(given, columns, σ, w.scale) for σ in FORCING}
         best = min(each, key=each.get)
         assert w.fit(effects).forcing == best
         if effects:

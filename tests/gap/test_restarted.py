@@ -1,11 +1,13 @@
 """What a model whose effects move something must find anew before its windows start."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tasks.cloth.start_state import States
 from tasks.effects.library import library
-from tasks.gap import gathered
+from tasks.gap import gathered, refits
 from tests.cloth import test_yielded_collider
 
 limbs = test_yielded_collider.limbs
@@ -49,3 +51,20 @@ def test_windows_before_a_body_in_another_place_start_without_wrinkles_too(limbs
     effect = library()[name]
     gathered.restarted(model.joined([effect], {name: np.full(len(effect.strengths), 2e-3)}), data, map, φ)
     assert asked == [φ] * times
+
+
+@pytest.mark.parametrize(("name", "asks"), [("fabric_hem_mass", "follow"), ("body_offset", "follow_nearer")])
+def test_a_model_with_states_of_its_own_asks_for_corrections_of_its_own(limbs, monkeypatch, name, asks) -> None:
+    """Those that the base asked for belong to the base's states."""
+    model, recording = limbs
+    states, effect = States(recording.observed, recording.observed, "converged"), library()[name]
+    window = SimpleNamespace(recording=0, start=0, length=2)
+    monkeypatch.setattr(gathered, "_anew", lambda job: (job[1], states))
+    monkeypatch.setattr(gathered, "unwrinkled", lambda model, data, φ, run: data)
+    for way in ("follow", "follow_nearer"):
+        monkeypatch.setattr(refits, way, lambda job, way=way: (way, dict(job.start), job.columns and job.forced))
+    before = [SimpleNamespace(prediction=SimpleNamespace(window=window), offsets={}, start={"x 0 x": 0.01})]
+    screened = SimpleNamespace(base=SimpleNamespace(prior=None))
+    changed = model.joined([effect], {name: np.full(len(effect.strengths), 2e-3)})
+    data = gathered.Gathered((recording,), (states,), (window,))
+    assert refits._simulated(changed, screened, data, before, map) == ((asks, {"x 0 x": 0.01}, True),)
