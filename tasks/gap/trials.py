@@ -39,7 +39,7 @@ from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, r
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import TEMPER, twins, with_replays
 
-LEADERS, QUICK_LEADERS = 3, 2  # contenders that are simulated: one alone would be compared with derivatives of the others
+LEADERS = 3  # contenders that are simulated: fewer would be compared with derivatives of the others
 AGAIN = 4  # further simulations of whichever leads
 PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first simulation takes the strength that they ask for too
 SECOND = 3.0  # log Bayes factor, foretold, from which a second effect is simulated beside the leader: one of thirty, and rarer than a first
@@ -49,7 +49,7 @@ DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader i
 class Trials:
     """What has been simulated so far. first: the model that the base refit began from; train: windows that the base could follow.
 
-    quick: two contenders, the leader once more at most; afresh only where lengths ask for a scale; no second cause.
+    quick: the leader once more at most; afresh only where lengths ask for a scale; no second cause.
     """
 
     def __init__(
@@ -118,10 +118,10 @@ class Trials:
         """
         scaled = by_length(self.screened, self.train)
         seen = scaled + by_contact(self.screened, self.train, self.effects, self.alike)
-        most, missing = QUICK_LEADERS if self.quick else LEADERS, self.replayed.something_missing
+        missing = self.replayed.something_missing
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
-        for h in contenders(self.screened.hypotheses, seen, most, self.alike, missing, promise):
+        for h in contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise):
             together = h not in seen and promise.get(h.name, 0.0) > PROMISING
             self.after[h.name] = self._afresh(h) if h in scaled else self.simulate(whole[h.name][0] if together else h)
         self._until_it_stands_still()
