@@ -29,7 +29,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flows import exam_engine
-from flows.exam_scoreboard import OWN, SCOREBOARD, diagnoses, entered, result, sat
+from flows.exam_scoreboard import OWN, SCOREBOARD, entered, entries, result, sat
 from storage_schemas.durable import replace_file
 from tasks.child_process import run_in_children
 from tasks.exam.generator import other_engine
@@ -338,7 +338,7 @@ def sit(
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
     attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
-    ours = [*diagnoses(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
+    ours = [*entries(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
     attempt["rivals"] = mark_rivals(exam, made, rivals, ours)
     return entered(exam.split, attempt, scoreboard) if wanted else result(exam.split, attempt, scoreboard)
 

@@ -32,15 +32,15 @@ def pooled(attempts: Sequence[Row], rival: str | None = None) -> dict[Case, Row]
     return first
 
 
-def diagnoses(scoreboard: Path, of: str, seed: int, engine: str) -> list[Row]:
-    """The diagnosis' rows of the cases of a version's seed."""
-    return [row for (_, own, _), row in pooled(attempts(scoreboard, of, engine)).items() if own == seed]
+def entries(scoreboard: Path, of: str, seed: int, engine: str, rival: str | None = None) -> list[Row]:
+    """Rows of the cases of a version's seed that the diagnosis, or a rival, has answered in earlier attempts."""
+    return [row for (_, own, _), row in pooled(attempts(scoreboard, of, engine), rival).items() if own == seed]
 
 
 def sat(scoreboard: Path, of: str, seed: int, engine: str, rival: str | None = None) -> set[int]:
-    """Numbers of the cases of a version's seed that the diagnosis, or a rival, has answered in earlier attempts, and of those that could not be made."""
-    earlier = [attempt for attempt in attempts(scoreboard, of, engine) if attempt["seed"] == seed]
-    return {number for _, _, number in pooled(earlier, rival)} | {n for attempt in earlier for n in attempt["left_out"]}
+    """Numbers of these cases, and of those that could not be made."""
+    left_out = {n for attempt in attempts(scoreboard, of, engine) if attempt["seed"] == seed for n in attempt["left_out"]}
+    return {row["number"] for row in entries(scoreboard, of, seed, engine, rival)} | left_out
 
 
 def entered(split: str, attempt: Row, scoreboard: Path) -> Row:

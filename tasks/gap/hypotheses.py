@@ -311,7 +311,7 @@ class Windows:
         here = Windows(self.given, self.effects, self.origin, self.feigned)
         least = np.maximum(1.0, np.minimum(self.overdispersion, there._each_alone(effects)))
         here.__dict__["scale"] = self._scaled_for(least)
-        there.__dict__ |= {"scale": here.scale, "overdispersion": least, "noise": self.noise, "base": here.base}
+        there.__dict__ |= {"scale": here.scale, "noise": self.noise, "base": here.base}
         there._losses[()] = here._loss(())
         there._medians[()] = here._dispersion(())
         return there
