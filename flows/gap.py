@@ -19,7 +19,7 @@ from tasks.effects.library import library, suspects
 from tasks.effects.model import Model
 from tasks.effects.named import named
 from tasks.gap.answer import answer
-from tasks.gap.blind import predicted
+from tasks.gap.blind import held, predicted
 from tasks.gap.coarse_garment import coarse_garment, whole_garment
 from tasks.gap.diagnosis import Diagnosis, diagnose
 from tasks.gap.garment_recordings import Garment, garment_recordings, recording
@@ -99,11 +99,15 @@ class BlindPrediction:
         self._known: dict[int, tuple[Model, NDArray[np.float32]]] = {}  # by identity; the model is kept so that its id stays its own
 
     def write(self, out: Path, before: Model, after: Model) -> None:
-        """NPZ of `before` and `after`, [T, V, 3] m."""
+        """NPZ of `before` and `after`, [T, V, 3] m, each with its last state held where it ends early; `after` is `before` where it ends the
+        earlier: a cause with which cloth cannot be simulated foretells nothing.
+        """
         new = [m for k, m in {id(before): before, id(after): after}.items() if k not in self._known]
         moved = self._pool.map(_predicted, [(model, self._blind) for model in new])
         self._known |= {id(model): (model, x.astype(np.float32)) for model, x in zip(new, moved, strict=True)}
-        np.savez_compressed(out, before=self._known[id(before)][1], after=self._known[id(after)][1])
+        one, other = (held(self._known[id(model)][1], len(self._blind)) for model in (before, after))
+        ended = len(self._known[id(after)][1]) < len(self._known[id(before)][1])
+        np.savez_compressed(out, before=one, after=one if ended else other)
 
 
 def _predicted(job):

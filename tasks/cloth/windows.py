@@ -60,8 +60,7 @@ class Recording:
 
     def cut(self, frames: slice) -> "Recording":
         """Some of the frames."""
-        motion = Motion(self.motion.collider[frames], self.motion.boundary[frames])
-        return replace(self, motion=motion, observed=self.observed[frames], noise=self.noise[frames])
+        return replace(self, motion=self.motion.cut(frames), observed=self.observed[frames], noise=self.noise[frames])
 
     @property
     def forgetful(self) -> "Recording":
@@ -133,8 +132,9 @@ def predict(
     effects, to differentiate by.
     """
     model, modes = recording.scene(model), {}
-    motion, n = recording.cut(window.frames).motion, model.settings.substeps
+    n = model.settings.substeps
     fine = replace(model, settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
+    drive = model.drive(recording.motion, columns=columns).each(lambda motion: smooth(motion.cut(window.frames), n))
     if φ is not None:
         modes = state_columns(φ)
     blurred = _starts_as_seen(model, states, window.start) if columns else {}
@@ -142,7 +142,7 @@ def predict(
         forcing = Forcing(φ)
         fine, parameters = fine.joined([forcing], {}), (*parameters, *forcing.columns)
     x0, v0 = states.x[window.start], states.v[window.start]
-    frames = list(fine.run(smooth(motion, n), x0, v0, parameters=parameters, start_modes=modes | blurred, columns=columns))
+    frames = list(fine.run_along(drive, x0, v0, parameters=parameters, start_modes=modes | blurred, columns=columns))
     ending, iterations = frames[-1].ending, sum(f.newton_iterations for f in frames)
     kept = frames[::n]
     x = np.stack([f.x for f in kept])

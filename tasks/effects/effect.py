@@ -53,6 +53,10 @@ class Motion:
     collider: Array
     boundary: Array
 
+    def cut(self, frames: slice) -> "Motion":
+        """Some of the frames."""
+        return Motion(self.collider[frames], self.boundary[frames])
+
 
 @dataclass(frozen=True)
 class MeshDoubt:

@@ -1,6 +1,6 @@
 """The base model with effects at given strengths: one simulation, with the tangents of any effect, hooks and potentials alike."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +12,24 @@ from tasks.simulator.simulate import Frame
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # of a typical strength, in central differences of hooks
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives the cloth of a model: `motion` as its effects make it of what was recorded, the derivative of that by column, and the
+    recorded collider's first frame `rest` [C, 3] m, by which areas of contact go.
+
+    Effects that know the time, a creep since the first frame or a body that is late, are asked about whole recordings: of a cut one they
+    would take the first frame for the beginning.
+    """
+
+    motion: Motion
+    rest: Array
+    modes: Mapping[str, Motion] = field(default_factory=dict)
+
+    def each(self, change: Callable[[Motion], Motion]) -> "Drive":
+        """Motion and derivatives cut or interpolated alike; `change` is linear."""
+        return replace(self, motion=change(self.motion), modes={column: change(mode) for column, mode in self.modes.items()})
 
 
 @dataclass(frozen=True)
@@ -45,14 +63,27 @@ class Model:
         start_modes: Mapping[str, tuple[Array, Array]] | None = None,
         columns: bool = False,
     ) -> Iterator[Frame]:
-        """Frames of the cloth as it is (not as observed), from x0 [V, 3] m and v0 [V, 3] m/s.
+        """Frames of the cloth as it is (not as observed) through a whole recorded motion, from x0 [V, 3] m and v0 [V, 3] m/s.
 
         parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials,
         fabric or motion. What acts on the observation is differentiated by `observed_tangents`. Reruns on another mesh give its vertices,
         the given ones first.
         """
+        drive = self.drive(motion, columns=columns)
+        return self.run_along(drive, x0, v0, parameters=parameters, start_modes=start_modes, columns=columns)
+
+    def run_along(
+        self,
+        drive: Drive,
+        x0: Array,
+        v0: Array,
+        *,
+        parameters: Sequence[str] = (),
+        start_modes: Mapping[str, tuple[Array, Array]] | None = None,
+        columns: bool = False,
+    ) -> Iterator[Frame]:
+        """The same through part of a motion, or one that was interpolated."""
         subject, settings, terms = self._dressed(), self.settings, []
-        driven = self._driven(subject, motion)
         for effect in self.effects:
             θ = self.strength(effect)
             settings = effect.settings(settings, θ)
@@ -65,8 +96,8 @@ class Model:
             subject.cloth,
             subject.fabric,
             subject.collider,
-            collider_motion=driven.collider,
-            boundary_motion=driven.boundary,
+            collider_motion=drive.motion.collider,
+            boundary_motion=drive.motion.boundary,
             fps=subject.fps,
             x0=x0,
             v0=v0,
@@ -74,10 +105,14 @@ class Model:
             potentials=terms,
             tangents=tuple(dict.fromkeys([*parameters, *(name for names in sums.values() for name in names)])),
             start_modes=start_modes,
-            motion_modes=self._motion_modes(motion) if columns else {},
-            collider_rest=motion.collider[0],
+            motion_modes={column: (mode.collider, mode.boundary) for column, mode in drive.modes.items()},
+            collider_rest=drive.rest,
         )
         return (_with_columns(frame, sums, parameters) for frame in frames)
+
+    def drive(self, motion: Motion, *, columns: bool = False) -> Drive:
+        """What a recorded motion drives the cloth by; columns: with the derivatives of all effects that act through it."""
+        return Drive(self.driven(motion), motion.collider[0], self._motion_modes(motion) if columns else {})
 
     def driven(self, motion: Motion) -> Motion:
         """What drives the cloth in truth, if the effects are right and `motion` is what was recorded of it."""
@@ -149,13 +184,13 @@ class Model:
         acting = [e for e in self.effects if e.acts_through & {"potentials", "fabric"}]
         return {column: names for effect in acting for column, names in effect.parameters.items()}
 
-    def _motion_modes(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
+    def _motion_modes(self, motion: Motion) -> dict[str, Motion]:
         modes = {}
         for effect in self.effects:
             if "motion" in effect.acts_through and effect.kind != "rerun":
                 for column, plus, minus, δ in self._neighbours(effect):
                     a, b = (m.driven(motion) for m in (plus, minus))
-                    modes[column] = ((a.collider - b.collider) / (2 * δ), (a.boundary - b.boundary) / (2 * δ))
+                    modes[column] = Motion((a.collider - b.collider) / (2 * δ), (a.boundary - b.boundary) / (2 * δ))
         return modes
 
     def _neighbours(self, effect: Effect) -> "Iterator[tuple[str, Model, Model, float]]":

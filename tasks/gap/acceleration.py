@@ -29,7 +29,6 @@ from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.start_state import States
 from tasks.cloth.windows import Recording, Window, columns_of, smooth
-from tasks.effects.effect import Motion
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered
 from tasks.gap.hypotheses import Fitted, Windows
@@ -68,10 +67,11 @@ def _added(job: tuple[Model, Recording, States, Window, Mapping[str, float]]) ->
     n = max(1, round(1 / (STEP_S * model.subject.fps)))
     fps = n * model.subject.fps
     fine = replace(recording.scene(model), settings=replace(model.settings, substeps=1), subject=replace(model.subject, fps=fps))
-    motion, found = smooth(recording.cut(window.frames).motion, n), []
+    drive = model.drive(recording.motion, columns=True).each(lambda motion: smooth(motion.cut(window.frames), n))
+    found = []
     for t in range(0, min(window.length, len(states.x) - window.start), 2):
-        ahead, k = slice(t * n, t * n + 2), window.start + t
-        *_, last = fine.run(Motion(motion.collider[ahead], motion.boundary[ahead]), states.x[k], states.v[k], columns=True)
+        ahead, k = drive.each(lambda motion, t=t: motion.cut(slice(t * n, t * n + 2))), window.start + t
+        *_, last = fine.run_along(ahead, states.x[k], states.v[k], columns=True)
         if last.index == 1 and last.converged:
             a = fps * sum(θ * last.tangents[c][1] for c, θ in strengths.items())
             a[model.subject.cloth.boundary] = 0.0

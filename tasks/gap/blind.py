@@ -16,12 +16,13 @@ GIVEN = 2  # frames
 
 
 def predicted(model: Model, recording: Recording) -> Array:
-    """x [T, V, 3] m from frame 0 on; the last state reached is held where the simulation ends early."""
+    """x [T, V, 3] m from frame 0 on; fewer frames where the simulation ends early."""
     model, recording = recording.scene(model), yielded_everywhere(recording, model)
-    subject, n, T = model.subject, model.settings.substeps, len(recording)
+    subject, n = model.subject, model.settings.substeps
     first = recording.cut(slice(0, GIVEN))
     noise = float(np.median(first.noise))
-    found = states(replace(model, effects=(), strengths={}), model.driven(first.motion), first.observed, noise)
+    drive = model.drive(recording.motion)
+    found = states(replace(model, effects=(), strengths={}), drive.motion.cut(slice(0, GIVEN)), first.observed, noise)
     seen, _ = filled(first.observed, subject.cloth.faces)
     x0 = found.x[0] if len(found.x) else seen[0]
     v0 = np.zeros_like(x0)
@@ -30,5 +31,10 @@ def predicted(model: Model, recording: Recording) -> Array:
         v0 = told_by_two(*(subject.fps * d for d in between), subject.cloth, subject.fps, noise)
     settings = replace(model.settings, substeps=1)
     fine = replace(model, settings=settings, subject=replace(subject, fps=subject.fps * n))
-    x = np.stack([f.x for f in fine.run(smooth(recording.motion, n), x0, v0)][::n])
-    return model.observed(np.concatenate([x, np.repeat(x[-1:], T - len(x), 0)]))
+    x = np.stack([f.x for f in fine.run_along(drive.each(lambda motion: smooth(motion, n)), x0, v0)][::n])
+    return model.observed(x)
+
+
+def held(x: NDArray[np.floating], frames: int) -> NDArray[np.floating]:
+    """x [T, V, 3] m with its last state held for as many frames."""
+    return np.concatenate([x, np.repeat(x[-1:], frames - len(x), 0)])

@@ -1,9 +1,9 @@
 """Probes: effects simulated at a strength that shows, where derivatives at strength zero led to no name.
 
 What a strong cause does is not what its derivative foretells: to cloth five times softer one way than the other an isotropic base fits the
-mean, and the slope there may point nowhere; air that weighs five times what the cloth does makes it another fabric. So what acts through
-forces is simulated at `PROBED` typical strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks
-by
+mean, and the slope there may point nowhere; air that weighs five times what the cloth does makes it another fabric; a body that is three
+frames late strikes cloth that it is not beside now. So what acts through forces or moves what drives the cloth is simulated at `PROBED`
+typical strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks by
 
     ⟨log(J_w/J_w^base)⟩_w        J_w: misfit with start and base parameters marginalised by the base's derivatives; the mean of logarithms, for a window
                                  that kinks would outvote the others
@@ -12,7 +12,7 @@ From where the best are, base and strength are fitted together in all windows (`
 as all others are (`trials.py`): a probe proposes, and is no evidence.
 
 Source: the logarithm of a sum of squares is the log likelihood where its scale is unknown. Limits: one strength either way, of each
-component alone.
+component alone; from the base's states, which a body in another place has to push aside.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,6 +32,7 @@ from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs
 from tasks.gap.hypotheses import BASE_SPREAD, Fitted
 from tasks.gap.screening import Screened
+from tasks.gap.verdict import Twins
 
 Array = NDArray[np.float64]
 
@@ -43,8 +44,8 @@ ITERATIONS = 5  # of the fit of base and strength together
 NEARER = 0.1  # mean logarithm of J_w^base/J_w from which one is
 
 
-def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], run: Map) -> list[tuple[Fitted, Model]]:
-    """Those of these effects that are worth a simulation, the nearest first, and the model in whose fabric they are."""
+def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], alike: Twins, run: Map) -> list[tuple[Fitted, Model]]:
+    """Those of these effects that are worth a simulation, the nearest first, of twins one, and the model in whose fabric they are."""
     prior, model = screened.base.prior, screened.base.model
     worst = sorted(screened.evidence, key=lambda e: -without_state(e.normals, prior).c / e.normals.n)[:FEW]
     todo = _jobs(model, data.only(e.prediction.window for e in worst))
@@ -53,9 +54,9 @@ def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], run: M
     found = list(run(_predicted, [replace(job, model=model.joined([e], {e.name: θ})) for job in todo for e, θ in asked]))
     each = [found[k : k + len(asked)] for k in range(0, len(found), len(asked))]
     nearer = np.mean([_nearer(job, b, own, prior) for job, b, own in zip(todo, base, each, strict=True)], 0)
-    best = {}
+    best: dict[Effect, Array] = {}
     for k in np.argsort(-nearer):
-        if nearer[k] > NEARER:
+        if nearer[k] > NEARER and not any(frozenset((asked[k][0].name, e.name)) in alike for e in best):
             best.setdefault(*asked[k])
     return [_fitted(screened, data, e, θ, run) for e, θ in list(best.items())[:BEST]]
 
@@ -76,9 +77,9 @@ def _jobs(model: Model, data: Gathered) -> list[Job]:
 
 
 def _strengths(effects: Sequence[Effect]) -> Iterator[tuple[Effect, Array]]:
-    """Each component of each effect that acts through forces by itself: up and, where it may be negative, down."""
+    """Each component of each effect that moves cloth by itself: up and, where it may be negative, down."""
     for effect in effects:
-        for i, s in enumerate(effect.strengths if effect.acts_through & {"potentials", "fabric"} else ()):
+        for i, s in enumerate(effect.strengths if effect.acts_through & {"potentials", "fabric", "motion"} else ()):
             for sign in (1.0, -1.0) if s.low < 0 else (1.0,):
                 θ = np.zeros(len(effect.strengths))
                 θ[i] = np.clip(sign * PROBED * s.typical, s.low, s.high)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.base_parameters import moved, with_fabric
 from tasks.cloth.numerics import with_tangents
-from tasks.cloth.shooting import Evidence, Map, follow, follow_nearer
+from tasks.cloth.shooting import Evidence, Map, follow_nearer
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
@@ -94,15 +94,13 @@ def weighed_with(named: Refitted, screened: Screened, data: Gathered, before: Se
 
 
 def _simulated(model: Model, screened: Screened, data: Gathered, before: Sequence[Evidence], run: Map) -> tuple[Evidence, ...]:
-    """The windows of `before` followed with a model whose effects have strengths; all effects keep their tangents.
-
-    About the starts that the base asked for, but where the model has states of its own: a correction of other states leads nowhere.
+    """The windows of `before` followed with a model whose effects have strengths, each about the start that it asks for itself, as those of
+    `before` are: from the base's start another model has further to go. All effects keep their tangents.
     """
-    φ, own = smooth_modes(model.subject.cloth, MODES), data.only(e.prediction.window for e in before)
-    data = restarted(model, own, run, φ)
+    φ = smooth_modes(model.subject.cloth, MODES)
+    data = restarted(model, data.only(e.prediction.window for e in before), run, φ)
     todo = jobs(with_tangents(model), data, φ, columns=True, forced=True, prior=screened.base.prior)
-    todo = [replace(job, offsets=e.offsets, start=e.start) for job, e in zip(todo, before, strict=True)]
-    return tuple(run(follow if data is own else follow_nearer, todo))
+    return tuple(run(follow_nearer, [replace(job, offsets=e.offsets) for job, e in zip(todo, before, strict=True)]))
 
 
 def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, beside: Refitted | None = None) -> Refitted:
@@ -170,13 +168,25 @@ def foretold_beside(named: Refitted, pair: Fitted) -> tuple[Fitted, float]:
 
 def moved_on(named: Refitted) -> bool:
     """Whether strengths or fabric after a refit are far from those it was simulated with: what curvature leaves, a second effect would be blamed for."""
+    return strengths_moved(named) or _fabric_moved(named.hypothesis.base)
+
+
+def strengths_moved(named: Refitted) -> bool:
+    """Whether strengths alone are."""
     before = np.concatenate([named.model.strength(e) / e.typical for e in named.hypothesis.effects])
-    return _far(before, _sizes(named.hypothesis), named.hypothesis.base)
+    return _far(before, _sizes(named.hypothesis))
+
+
+def part_way(named: Refitted, share: float) -> Fitted:
+    """The hypothesis after so much of the step from what was simulated to what that asks for."""
+    h, here = named.hypothesis, named.model.by_column(named.hypothesis.effects)
+    strengths = {c: here[c] + share * (θ - here[c]) for c, θ in h.strengths.items()}
+    return replace(h, base=share * h.base, strengths=strengths)
 
 
 def _apart(one: Fitted, other: Fitted) -> bool:
     """Whether two estimates of one hypothesis are as far from one another."""
-    return _far(_sizes(one), _sizes(other), other.base - one.base)
+    return _far(_sizes(one), _sizes(other)) or _fabric_moved(other.base - one.base)
 
 
 def _sizes(h: Fitted) -> Array:
@@ -184,8 +194,12 @@ def _sizes(h: Fitted) -> Array:
     return np.concatenate([h.θ(e) / e.typical for e in h.effects])
 
 
-def _far(before: Array, after: Array, fabric: Array) -> bool:
-    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after) or np.abs(fabric).max() > FAR_FABRIC)
+def _far(before: Array, after: Array) -> bool:
+    return bool(np.linalg.norm(after - before) > FAR * np.linalg.norm(after))
+
+
+def _fabric_moved(step: Array) -> bool:
+    return bool(np.abs(step).max() > FAR_FABRIC)
 
 
 def as_simulated(singles: Sequence[Fitted], after: Mapping[str, Refitted], alike: Twins) -> list[Fitted]:

@@ -253,7 +253,7 @@ def _seen_otherwise(job: Job, seed: int) -> Job:
     model, cut = job.recording.scene(job.model), _first(job).frames
     first = job.recording.cut(cut)
     ε = first.correlation.sample(model.subject.cloth.x_rest, first.noise, model.subject.fps, np.random.default_rng(seed))
-    found = states(model, model.driven(first.motion), first.observed + ε, float(np.median(first.noise)))
+    found = states(model, model.driven(job.recording.motion).cut(cut), first.observed + ε, float(np.median(first.noise)))
     if not len(found.x):
         return job
     observed, x, v = job.recording.observed.copy(), job.states.x.copy(), job.states.v.copy()

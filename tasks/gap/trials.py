@@ -1,12 +1,13 @@
 """Trials: the leading hypotheses simulated and replayed, until the strength of the one that leads stands still.
 
 Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where
-its strength moved, from where it stands; and where it leaves much unexplained, once in a fabric that is fitted afresh with it
-(`afresh.py`), as a scale is that observed lengths ask for (`observed_lengths.py`). Where even so much is left, effects at strengths that
-show are asked too (`probes.py`).
+its strength moved, from where it stands, and part of the way where the whole step makes it weigh less; and where it leaves much
+unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is that observed lengths ask for
+(`observed_lengths.py`). Where even so much is left, effects at strengths that show are asked too (`probes.py`).
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,9 +32,11 @@ from tasks.gap.refits import (
     foretold_beside,
     least_worth,
     moved_on,
+    part_way,
     refitted,
     replayed,
     searched,
+    strengths_moved,
 )
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
@@ -41,9 +44,12 @@ from tasks.gap.verdict import TEMPER, twins, with_replays
 
 LEADERS = 3  # contenders that are simulated: fewer would be compared with derivatives of the others
 AGAIN = 4  # further simulations of whichever leads
+SLACK = 1.0  # evidence that a further simulation may lose: it is found at the strength that was simulated, not foretold from another
 PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first simulation takes the strength that they ask for too
 SECOND = 3.0  # log Bayes factor, foretold, from which a second effect is simulated beside the leader: one of thirty, and rarer than a first
-DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model, and effects are probed at fair strengths
+SECONDS = 2  # of these that are: derivatives do not tell a tilt beside drag from a wind in it
+DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model,
+UNSURE = 0.3  # and from which effects are probed at fair strengths
 
 
 class Trials:
@@ -127,11 +133,11 @@ class Trials:
         self._until_it_stands_still()
         if not self.quick:
             leader = self.leader.name
-            self._with_second()
-            if self.doubt(self.pairs()) > DOUBTFUL:
+            self._with_seconds()
+            if self.doubt(self.pairs()) > UNSURE:
                 self._probe()
                 if self.leader.name != leader:
-                    self._with_second()
+                    self._with_seconds()
 
     def _until_it_stands_still(self) -> None:
         """Simulate whichever leads, as long as it moves or was not simulated; once afresh, if it leaves much."""
@@ -147,12 +153,24 @@ class Trials:
             elif now is None:
                 self.after[leader.name] = self.simulate(leader)
             elif now.windows is not None and moved_on(now):
-                further = self.simulate(leader, now.model)
-                if further.windows is None:  # cannot be followed so far; what was found before stands
+                further = self.after[leader.name] = self._further(now)
+                gain = self._whole(further.hypothesis) - self._whole(now.hypothesis)
+                if gain < SLACK and not strengths_moved(further):  # a fabric that windows hardly know may wander on and on
                     return
-                self.after[leader.name] = further
             else:
                 return
+
+    def _further(self, now: Refitted) -> Refitted:
+        """Simulated where its last step led, or half-way where it weighs less there; if there too, or where it cannot be followed so far,
+        what was simulated before, without that step.
+        """
+        for share in (1.0, 0.5):
+            found = self.simulate(part_way(now, share), now.model)
+            if found.windows is None:
+                break
+            if self._whole(found.hypothesis) > self._whole(now.hypothesis) - SLACK:
+                return found
+        return replace(now, hypothesis=part_way(now, 0.0))
 
     def _whole(self, h: Fitted) -> float:
         """Evidence with what replays say in it."""
@@ -163,24 +181,23 @@ class Trials:
         known = {*self.after, *(n for pair in self.alike if pair & set(self.after) for n in pair)}
         before = self.leader.name
         self.tell("probes")
-        for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.run):
+        for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.alike, self.run):
             self.after[h.name] = self.simulate(h, model)
         if self.leader.name != before:
             self._until_it_stands_still()
 
-    def _with_second(self) -> None:
-        """Simulate the likeliest second effect beside the leader, if there is one that windows and whole recordings together promise."""
-        leader = self.leader
-        first, pairs = self.after.get(leader.name), self.pairs()
-        if not pairs:
-            return
-        asked = [foretold_beside(first, pair) for pair in pairs]
-        promise = [pair.weights[1].evidence + max(support, 0.0) / TEMPER for pair, (_, support) in zip(pairs, asked, strict=True)]
-        best = int(np.argmax(promise))
-        if promise[best] > SECOND:
-            both, support = asked[best]
-            both = both if support > PROMISING else pairs[best]
-            self.after[both.name] = self.simulate(both, first.model)
+    def _with_seconds(self) -> None:
+        """Simulate the likeliest second effects beside the leader, of those that windows and whole recordings together promise; of twins one."""
+        first = self.after.get(self.leader.name)
+        asked = [(pair, *foretold_beside(first, pair)) for pair in self.pairs()]
+        promise = {pair.name: pair.weights[1].evidence + max(support, 0.0) / TEMPER for pair, _, support in asked}
+        chosen: list[str] = []
+        for pair, both, support in sorted(asked, key=lambda each: -promise[each[0].name]):
+            second = pair.effects[1].name
+            if promise[pair.name] > SECOND and len(chosen) < SECONDS and all(frozenset((second, c)) not in self.alike for c in chosen):
+                chosen.append(second)
+                found = self.simulate(both if support > PROMISING else pair, first.model)
+                self.after[pair.name] = self._further(found) if found.windows is not None and strengths_moved(found) else found
 
     def _afresh(self, hypothesis: Fitted) -> Refitted:
         """Simulated in the fabric that is found with it in the model from the first round on."""

@@ -105,10 +105,9 @@ def judge(
     alike = twins(cosines)
     candidates += _classes(ranked, weight, total, alike, whole)
     if doubled:
-        both = (_beside(ranked, whole, 0, alike), _beside(seconds, further, 1, alike))
+        both = _no_larger(_beside(ranked, whole, 0, alike), _beside(seconds, further, 1, alike))
         names = tuple(dict.fromkeys(n for c in both for n in c))
-        pair = tuple(e.name for e in seconds[0].effects)
-        candidates.append(Candidate(names if len(names) <= LARGEST_CLASS else pair, doubled[0] / total, seconds[0]))
+        candidates.append(Candidate(names, doubled[0] / total, seconds[0]))
     candidates.sort(key=lambda c: -c.probability)
     first = candidates[0]
     if first.fitted is None:
@@ -162,6 +161,13 @@ def _beside(hypotheses: Sequence[Fitted], evidence: Callable[[Fitted], float], p
     twins = [h for h in hypotheses if frozenset((first, h.effects[place].name)) in alike]
     near = [h for h in hypotheses if h not in twins and evidence(hypotheses[0]) - evidence(h) < TOGETHER]
     return tuple(dict.fromkeys(h.effects[place].name for h in (hypotheses[0], *twins, *near)))[:LARGEST_CLASS]
+
+
+def _no_larger(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Classes of two causes, less the last of the longer one as long as there are more than `LARGEST_CLASS` names in all."""
+    while len({*one, *other}) > LARGEST_CLASS:
+        one, other = (one[:-1], other) if len(one) >= len(other) else (one, other[:-1])
+    return one, other
 
 
 def twins(cosines: Confusability | None) -> Twins:

@@ -17,12 +17,14 @@ from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import Normals, Recording, Window, marginalised, predict, windows
 from tasks.effects.effect import Motion, Subject
+from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.effects.observation_smoothing import EFFECT as SMOOTHING
 from tasks.geometry.farthest_points import farthest_points
 from tasks.simulator import NO_COLLIDER, Cloth, Collider, Fabric, Settings
 from tests.simulator.scenes import sheet
 
+LIBRARY = library()
 FPS = 30.0
 FABRIC = Fabric(450.0, 6.0, 150.0)
 
@@ -259,6 +261,43 @@ def test_a_start_asked_for_anew_forgets_the_one_that_other_states_asked_for(pane
     plain, kept, anew = (np.linalg.norm(f(j).residual) for f, j in ((follow, job), (follow, others), (follow_nearer, others)))
     assert follow_nearer(others).start == pytest.approx(asked)
     assert anew < 1.2 * plain and kept > 2 * plain, (plain, kept, anew)
+
+
+SLIP = LIBRARY["boundary_slip"]
+
+
+def test_a_window_is_a_piece_of_the_run_where_the_band_has_slipped_before(panel):
+    """A creep since the first frame was taken for one since the window's: the band jumped back by 13 mm where a late window of a skirt began."""
+    model, recording, *_ = panel
+    slipping = model.joined([SLIP], {SLIP.name: np.array([0.02, 0.0])})
+    n = model.settings.substeps
+    fine = replace(slipping, settings=Settings(substeps=1), subject=replace(model.subject, fps=FPS * n))
+    drive = slipping.drive(recording.motion).each(lambda motion: cloth_windows.smooth(motion, n))
+    frames = list(fine.run_along(drive, recording.observed[0], np.zeros_like(recording.observed[0])))[::n]
+    x, v = np.stack([f.x for f in frames]), np.stack([f.v for f in frames])
+    found = predict(slipping, recording, Window(0, 15, 5), States(x, v, "converged"))
+    assert np.abs(found.x - x[15:21]).max() < 1e-3  # [m] a first step knows no step before it
+    assert np.abs(found.x[:, :7] - x[15:21, :7]).max() < 1e-12
+    assert np.abs(x[15, :7] - recording.motion.boundary[15]).max() == pytest.approx(0.02 * 15 / FPS)
+
+
+@pytest.mark.parametrize("name", [name for name, e in LIBRARY.items() if "motion" in e.acts_through and e.kind != "rerun"])
+def test_what_drives_a_window_is_a_piece_of_what_drives_the_run(panel, monkeypatch, name):
+    """A late body comes from before the window, and a tracker that smooths mixes in what was there."""
+    model, recording, x, v = panel
+    wall, faces = sheet(3, 3, length=0.3, width=0.3)
+    paths = wall + 0.3 * np.sin(np.arange(25) / 4)[:, None, None] * (0, 0, 1)
+    beside = replace(recording, collider=Collider(faces), motion=replace(recording.motion, collider=paths))
+    effect, n, frames = LIBRARY[name], model.settings.substeps, slice(11, 17)
+    with_it = beside.scene(model).joined([effect], {name: np.array([s.typical for s in effect.strengths])})
+    given = []
+    monkeypatch.setattr(Model, "run_along", lambda self, drive, *_, **options: given.append(drive) or iter([]))
+    with pytest.raises(IndexError):  # for there is no frame
+        predict(with_it, beside, Window(0, 11, 5), States(x, v, "converged"), columns=True)
+    ((drive,), whole) = given, with_it.drive(beside.motion, columns=True)
+    for own, of in ((drive.motion, whole.motion), *((drive.modes[c], whole.modes[c]) for c in effect.columns)):
+        assert np.allclose(own.collider[::n], of.collider[frames], atol=1e-12)
+        assert np.allclose(own.boundary[::n], of.boundary[frames], atol=1e-12)
 
 
 def test_a_start_inside_the_body_explains_nothing(panel):

@@ -1,6 +1,12 @@
 """Blind prediction: what it starts from."""
 
-from tasks.gap.blind import predicted
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flows import gap
+from tasks.gap.blind import held, predicted
 from tasks.gap.residual import rms_mm
 from tests.cloth.test_windows import swung
 
@@ -16,3 +22,14 @@ def test_noise_in_two_frames_hardly_reaches_the_prediction():
 def test_without_noise_the_prediction_is_the_recording():
     model, recording, true, _ = swung(13)
     assert rms_mm(predicted(model, recording)[2:] - true[2:]) < 2.5
+
+
+@pytest.mark.parametrize(("reached", "used"), [(4, "before"), (9, "after"), (12, "after")])
+def test_a_cause_with_which_cloth_cannot_be_simulated_foretells_nothing(tmp_path, monkeypatch, reached, used):
+    """Cloth held at the last state that was reached would be compared with what was seen as if that had been foretold."""
+    told = {"before": np.full((9, 3, 3), 1.0), "after": np.full((reached, 3, 3), 2.0)}
+    monkeypatch.setattr(gap, "_predicted", lambda job: told[job[0].name])
+    before, after = (SimpleNamespace(name=name) for name in told)
+    gap.BlindPrediction(SimpleNamespace(map=map), range(12)).write(tmp_path / "pred.npz", before, after)
+    found = np.load(tmp_path / "pred.npz")
+    assert np.array_equal(found["before"], held(told["before"], 12)) and np.array_equal(found["after"], held(told[used], 12))

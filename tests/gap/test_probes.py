@@ -48,7 +48,7 @@ def panels():
 
 def test_what_was_left_out_is_proposed_where_it_comes_to_rest_with_the_base(panels):
     _, (found, data) = panels
-    (first, model), *_ = probed(found, data, EFFECTS, map)
+    (first, model), *_ = probed(found, data, EFFECTS, frozenset(), map)
     assert first.name == "air_normal_drag" and not first.base.any()
     (θ,) = first.strengths.values()
     assert θ == pytest.approx(20.0, rel=0.1) and θ == model.strength(EFFECTS[0])[0]
@@ -56,20 +56,30 @@ def test_what_was_left_out_is_proposed_where_it_comes_to_rest_with_the_base(pane
     assert 0.3 < model.subject.fabric.bending / fabric.bending < 3 and model.subject.fabric != fabric
 
 
+def test_of_twins_one_is_proposed(panels, monkeypatch):
+    _, (found, data) = panels
+    monkeypatch.setattr(probes, "_nearer", lambda job, base, found, prior: np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
+    monkeypatch.setattr(probes, "_fitted", lambda screened, data, effect, θ, run: effect.name)
+    twins = frozenset({frozenset(NAMES[:2])})
+    for alike, proposed in ((frozenset(), NAMES[:2]), (twins, NAMES[0:3:2])):
+        assert probed(found, data, EFFECTS, alike, map) == [*proposed]
+
+
 def test_where_nothing_is_missing_nothing_is_proposed(panels):
     (found, data), _ = panels
-    assert probed(found, data, EFFECTS, map) == []
+    assert probed(found, data, EFFECTS, frozenset(), map) == []
 
 
-def test_only_the_worst_windows_are_simulated_with_what_acts_through_forces_either_way(panels, monkeypatch):
+def test_only_the_worst_windows_are_simulated_with_what_moves_cloth_either_way(panels, monkeypatch):
     (found, data), _ = panels
     asked = []
     monkeypatch.setattr(probes, "_predicted", lambda job: asked.append((job.window, *job.model.strengths.items())))
-    assert probed(found, data, EFFECTS, map) == []  # none could be simulated
+    assert probed(found, data, EFFECTS, frozenset(), map) == []  # none could be simulated
     worst = sorted(found.evidence, key=lambda e: -without_state(e.normals, found.base.prior).c / e.normals.n)[:FEW]
-    assert [w for w, *_ in asked] == [e.prediction.window for e in worst for _ in range(4)]
-    assert [(name, float(*θ)) for _, (name, θ) in asked[:4]] == [
-        (e.name, sign * PROBED * e.strengths[0].typical) for e, sign in zip((*EFFECTS[:3], EFFECTS[2]), (1, 1, 1, -1))
+    assert [w for w, *_ in asked] == [e.prediction.window for e in worst for _ in range(6)]
+    moving = (*EFFECTS[:3], EFFECTS[2], EFFECTS[3], EFFECTS[3])
+    assert [(name, float(*θ)) for _, (name, θ) in asked[:6]] == [
+        (e.name, sign * PROBED * e.strengths[0].typical) for e, sign in zip(moving, (1, 1, 1, -1, 1, -1))
     ]
 
 

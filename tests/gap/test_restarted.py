@@ -53,18 +53,17 @@ def test_windows_before_a_body_in_another_place_start_without_wrinkles_too(limbs
     assert asked == [φ] * times
 
 
-@pytest.mark.parametrize(("name", "asks"), [("fabric_hem_mass", "follow"), ("body_offset", "follow_nearer")])
-def test_a_model_with_states_of_its_own_asks_for_corrections_of_its_own(limbs, monkeypatch, name, asks) -> None:
-    """Those that the base asked for belong to the base's states."""
+@pytest.mark.parametrize("name", ["fabric_hem_mass", "body_offset"])
+def test_every_model_asks_for_corrections_of_its_own(limbs, monkeypatch, name) -> None:
+    """From starts that the base had asked for, a scale of 1.4 % weighed less the nearer its simulation came to it."""
     model, recording = limbs
     states, effect = States(recording.observed, recording.observed, "converged"), library()[name]
     window = SimpleNamespace(recording=0, start=0, length=2)
     monkeypatch.setattr(gathered, "_anew", lambda job: (job[1], states))
     monkeypatch.setattr(gathered, "unwrinkled", lambda model, data, φ, run: data)
-    for way in ("follow", "follow_nearer"):
-        monkeypatch.setattr(refits, way, lambda job, way=way: (way, dict(job.start), job.columns and job.forced))
-    before = [SimpleNamespace(prediction=SimpleNamespace(window=window), offsets={}, start={"x 0 x": 0.01})]
+    monkeypatch.setattr(refits, "follow_nearer", lambda job: (dict(job.start), job.offsets, job.columns and job.forced))
+    before = [SimpleNamespace(prediction=SimpleNamespace(window=window), offsets={"mesh": 1.0}, start={"x 0 x": 0.01})]
     screened = SimpleNamespace(base=SimpleNamespace(prior=None))
     changed = model.joined([effect], {name: np.full(len(effect.strengths), 2e-3)})
     data = gathered.Gathered((recording,), (states,), (window,))
-    assert refits._simulated(changed, screened, data, before, map) == ((asks, {"x 0 x": 0.01}, True),)
+    assert refits._simulated(changed, screened, data, before, map) == (({}, {"mesh": 1.0}, True),)

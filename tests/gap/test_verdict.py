@@ -80,18 +80,27 @@ def test_probabilities_by_hand():
         assert candidate.probability == pytest.approx(weight[name] / sum(weight.values()))
 
 
+def test_the_classes_of_a_pair_hold_four_names_in_all():
+    """An answer with more counts for nothing."""
+    firsts, seconds = ["air_normal_drag", "air_linear_drag", "fabric_mass_damping"], ["gravity_tilt", "air_wind"]
+    singles = [weighed(9.0 - 0.1 * k, n) for k, n in enumerate(firsts)] + [weighed(-9.0, n) for n in seconds]
+    pairs = [weighed(9.0, "air_normal_drag", n, pair_evidence=9.0 - 0.1 * k) for k, n in enumerate(seconds)]
+    found = judge(singles, pairs, unexplained=0.0)
+    assert found.classes == (tuple(firsts[:2]), tuple(seconds)) and found.ranking[0].names == (*firsts[:2], *seconds)
+
+
 def test_a_pair_by_hand_and_what_its_class_is_called():
-    """The second effect weighs 0.3 of a single, beside the first; names that no longer fit into a class are told as the pair alone."""
+    """The second effect weighs 0.3 of a single, beside the first; of names that no longer fit into a class the first four are told."""
     first = weighed(4.0, "air_normal_drag")
     names = ["body_lag", "fabric_stiffening", "air_lift", "fabric_crease", "contact_friction"]
     singles = [first, *(weighed(-9.0, n) for n in names)]
     second = weighed(4.0, "air_normal_drag", "body_lag", pair_evidence=3.0)
     near = [weighed(4.0, "air_normal_drag", n, pair_evidence=3.0 - 0.1 * k) for k, n in enumerate(names[1:], 1)]
     alone = np.exp(0.8 * 4.0) / 6
-    for count, expected in ((2, 3), (3, 4), (4, 2)):
+    for count, expected in ((2, 3), (3, 4), (4, 4)):
         found = judge(singles, [second, *near[: count - 1]], unexplained=0.0)
         (pair,) = (c for c in found.ranking if c.fitted is second)
-        assert len(pair.names) == expected and pair.names[:2] == ("air_normal_drag", "body_lag")
+        assert pair.names == ("air_normal_drag", *names[: expected - 1])
         weight = 0.3 / 6 * np.exp(0.8 * 3.0) * alone
         rest = 5 * np.exp(-0.8 * 5.0) / 6  # nothing is excluded by more than 5
         assert pair.probability == pytest.approx(weight / (weight + alone + rest + 1))
