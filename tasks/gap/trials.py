@@ -2,7 +2,7 @@
 
 Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where
 its strength moved, from where it stands, and part of the way where the whole step makes it weigh less; and where it leaves much
-unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is that observed lengths ask for
+unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is, too, that observed lengths ask for
 (`observed_lengths.py`). Where even so much is left, effects at strengths that show are asked too (`probes.py`).
 """
 
@@ -123,13 +123,15 @@ class Trials:
         that leaves much.
         """
         scaled = by_length(self.screened, self.train)
+        by_derivatives = {h.name: h for h in self.screened.hypotheses}
         seen = scaled + by_contact(self.screened, self.train, self.effects, self.alike)
         missing = self.replayed.something_missing
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
         for h in contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise):
             together = h not in seen and promise.get(h.name, 0.0) > PROMISING
-            self.after[h.name] = self._afresh(h) if h in scaled else self.simulate(whole[h.name][0] if together else h)
+            found = self.simulate(whole[h.name][0] if together else by_derivatives[h.name] if h in scaled else h)
+            self.after[h.name] = self._stronger(found, self._afresh(h)) if h in scaled else found
         self._until_it_stands_still()
         if not self.quick:
             leader = self.leader.name
@@ -148,8 +150,7 @@ class Trials:
                 return
             if not self.quick and leader.name not in self._asked_afresh and self.doubt() > DOUBTFUL:
                 other = self._afresh(leader)
-                if now is None or self._whole(other.hypothesis) > self._whole(now.hypothesis):
-                    self.after[leader.name] = other
+                self.after[leader.name] = other if now is None else self._stronger(now, other)
             elif now is None:
                 self.after[leader.name] = self.simulate(leader)
             elif now.windows is not None and moved_on(now):
@@ -159,6 +160,10 @@ class Trials:
                     return
             else:
                 return
+
+    def _stronger(self, one: Refitted, other: Refitted) -> Refitted:
+        """Which of two simulations of one hypothesis weighs more; one that can be followed, if only one can."""
+        return max(one, other, key=lambda r: (r.windows is not None, self._whole(r.hypothesis)))
 
     def _further(self, now: Refitted) -> Refitted:
         """Simulated where its last step led, or half-way where it weighs less there; if there too, or where it cannot be followed so far,
