@@ -53,24 +53,9 @@ class Model:
         """column -> strength of some effects."""
         return {c: float(θ) for e in effects for c, θ in zip(e.columns, self.strength(e), strict=True)}
 
-    def run(
-        self,
-        motion: Motion,
-        x0: Array,
-        v0: Array,
-        *,
-        parameters: Sequence[str] = (),
-        start_modes: Mapping[str, tuple[Array, Array]] | None = None,
-        columns: bool = False,
-    ) -> Iterator[Frame]:
-        """Frames of the cloth as it is (not as observed) through a whole recorded motion, from x0 [V, 3] m and v0 [V, 3] m/s.
-
-        parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials,
-        fabric or motion. What acts on the observation is differentiated by `observed_tangents`. Reruns on another mesh give its vertices,
-        the given ones first.
-        """
-        drive = self.drive(motion, columns=columns)
-        return self.run_along(drive, x0, v0, parameters=parameters, start_modes=start_modes, columns=columns)
+    def run(self, motion: Motion, x0: Array, v0: Array, *, columns: bool = False) -> Iterator[Frame]:
+        """`run_along` a whole recorded motion."""
+        return self.run_along(self.drive(motion, columns=columns), x0, v0, columns=columns)
 
     def run_along(
         self,
@@ -82,7 +67,13 @@ class Model:
         start_modes: Mapping[str, tuple[Array, Array]] | None = None,
         columns: bool = False,
     ) -> Iterator[Frame]:
-        """The same through part of a motion, or one that was interpolated."""
+        """Frames of the cloth as it is (not as observed), from x0 [V, 3] m and v0 [V, 3] m/s, through a motion, part of it, or one that was
+        interpolated.
+
+        parameters: names of base parameters to differentiate; `columns`: also all columns of all effects that act through potentials,
+        fabric or motion (of the last, those that `drive` has). What acts on the observation is differentiated by `observed_tangents`. Reruns
+        on another mesh give its vertices, the given ones first.
+        """
         subject, settings, terms = self._dressed(), self.settings, []
         for effect in self.effects:
             θ = self.strength(effect)

@@ -32,7 +32,7 @@ from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs
 from tasks.gap.hypotheses import BASE_SPREAD, Fitted
 from tasks.gap.screening import Screened
-from tasks.gap.verdict import Twins
+from tasks.gap.verdict import Twins, told_apart
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,9 @@ def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], alike:
     nearer = np.mean([_nearer(job, b, own, prior) for job, b, own in zip(todo, base, each, strict=True)], 0)
     best: dict[Effect, Array] = {}
     for k in np.argsort(-nearer):
-        if nearer[k] > NEARER and not any(frozenset((asked[k][0].name, e.name)) in alike for e in best):
-            best.setdefault(*asked[k])
+        effect, θ = asked[k]
+        if nearer[k] > NEARER and told_apart(effect.name, (e.name for e in best), alike):
+            best[effect] = θ
     return [_fitted(screened, data, e, θ, run) for e, θ in list(best.items())[:BEST]]
 
 

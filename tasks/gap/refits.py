@@ -20,7 +20,7 @@ from tasks.gap.joint_estimate import disagreement, foretold, joint
 from tasks.gap.observed_lengths import SCALES, observed_scale
 from tasks.gap.replay import Replay, Replayed, lost, mean, mean_normals, parted, replayed_by, supported
 from tasks.gap.screening import MODES, Screened, compressed
-from tasks.gap.verdict import TEMPER, Twins
+from tasks.gap.verdict import TEMPER, Twins, told_apart
 
 Array = NDArray[np.float64]
 
@@ -222,7 +222,7 @@ def by_contact(screened: Screened, train: Gathered, effects: Sequence[Effect], a
     """Effects on the body that cloth seen inside it asks for, at the strength that clears it: derivatives cannot tell of them. Of twins, one."""
     linear, chosen = {h.name: h for h in screened.hypotheses}, []
     for name, θ in cleared(screened.base.model, train.compared(), effects, train.noise).items():
-        if all(frozenset((name, c.name)) not in alike for c in chosen):
+        if told_apart(name, (c.name for c in chosen), alike):
             chosen.append(replace(linear[name], strengths={name: θ}))
     return chosen
 
@@ -252,9 +252,9 @@ def contenders(
     promise = {h.name: h.evidence + max(whole.get(h.name, 0.0), 0.0) / TEMPER for h in singles}
     strongest, least = max(promise.values()), least_worth(missing)
     near = [h for h in singles if promise[h.name] > max(least, strongest - max(CONTENDER, SHARE * strongest))]
-    chosen, same = list(seen), alike | {frozenset((h.name,)) for h in singles}
+    chosen = list(seen)
     for h in sorted(near, key=lambda h: -promise[h.name]):
-        if len(chosen) < max(most, len(seen) + 1) and all(frozenset((h.name, c.name)) not in same for c in chosen):
+        if len(chosen) < max(most, len(seen) + 1) and told_apart(h.name, (c.name for c in chosen), alike):
             chosen.append(h)
     return chosen
 

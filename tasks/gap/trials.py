@@ -40,7 +40,7 @@ from tasks.gap.refits import (
 )
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
-from tasks.gap.verdict import TEMPER, twins, with_replays
+from tasks.gap.verdict import TEMPER, told_apart, twins, with_replays
 
 LEADERS = 3  # contenders that are simulated: fewer would be compared with derivatives of the others
 AGAIN = 4  # further simulations of whichever leads
@@ -129,9 +129,11 @@ class Trials:
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
         for h in contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise):
-            together = h not in seen and promise.get(h.name, 0.0) > PROMISING
-            found = self.simulate(whole[h.name][0] if together else by_derivatives[h.name] if h in scaled else h)
-            self.after[h.name] = self._stronger(found, self._afresh(h)) if h in scaled else found
+            if h in scaled:
+                self.after[h.name] = self._stronger(self.simulate(by_derivatives[h.name]), self._afresh(h))
+            else:
+                together = h not in seen and promise.get(h.name, 0.0) > PROMISING
+                self.after[h.name] = self.simulate(whole[h.name][0] if together else h)
         self._until_it_stands_still()
         if not self.quick:
             leader = self.leader.name
@@ -199,7 +201,7 @@ class Trials:
         chosen: list[str] = []
         for pair, both, support in sorted(asked, key=lambda each: -promise[each[0].name]):
             second = pair.effects[1].name
-            if promise[pair.name] > SECOND and len(chosen) < SECONDS and all(frozenset((second, c)) not in self.alike for c in chosen):
+            if promise[pair.name] > SECOND and len(chosen) < SECONDS and told_apart(second, chosen, self.alike):
                 chosen.append(second)
                 found = self.simulate(both if support > PROMISING else pair, first.model)
                 self.after[pair.name] = self._further(found) if found.windows is not None and strengths_moved(found) else found

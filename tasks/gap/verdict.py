@@ -16,7 +16,7 @@ Source: Bayesian model comparison (Kass & Raftery 1995); answer sets as in error
 constants are chosen on open cases (README).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -176,6 +176,11 @@ def twins(cosines: Confusability | None) -> Twins:
         return frozenset()
     i, j = np.nonzero(np.triu(np.abs(cosines.cosine) >= ALIKE, 1))
     return frozenset(frozenset((cosines.names[a], cosines.names[b])) for a, b in zip(i, j, strict=True))
+
+
+def told_apart(name: str, others: Iterable[str], alike: Twins) -> bool:
+    """Whether it is none of the others, nor a twin of any."""
+    return all(name != other and frozenset((name, other)) not in alike for other in others)
 
 
 def first_alone(verdict: Verdict, alone: Fitted) -> Verdict:

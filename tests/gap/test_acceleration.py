@@ -1,6 +1,7 @@
 """What effects add to the acceleration of cloth: where they act, before it has answered."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -50,6 +51,21 @@ def test_what_drives_the_cloth_is_not_accelerated_by_anything():
     assert not found[model.subject.cloth.boundary].any()
     row = found.reshape(7, 7).mean(1)
     assert row[1] > 1.0 and (np.diff(row[1:]) < 0).all()  # but the rows that hang from it, the nearer the more
+
+
+def test_the_steps_of_a_late_window_are_driven_as_the_whole_recording_is(monkeypatch):
+    model, recording, x, v = swung(T)
+    slip = LIBRARY["boundary_slip"]
+    slipping, given = model.joined([slip], {slip.name: np.array([0.02, 0.1])}), []
+
+    def run(self, drive, *_, **options):
+        given.append(drive.motion.boundary[0])
+        yield SimpleNamespace(index=0)
+
+    monkeypatch.setattr(Model, "run_along", run)
+    data = Gathered((recording,), (States(x, v, "converged"),), (Window(0, 3, 4),))
+    effect_acceleration(slipping, data, {"boundary_slip.u": 0.02})
+    assert np.allclose(given, slipping.driven(recording.motion).boundary[[3, 5]], atol=1e-12)
 
 
 def test_a_body_pushes_where_it_touches():

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth.shooting import Job
 from tasks.cloth.start_state import States, states
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import predict, windows
+from tasks.cloth.windows import Window, predict, windows
 from tasks.effects.library import library
 from tasks.gap import replay
 from tasks.gap.gathered import Gathered
@@ -60,6 +61,17 @@ def test_the_yardstick_is_the_farther_of_two_replays(blown, monkeypatch):
     assert own.floor != finer.floor and whole.floor > 0.99 * max(own.floor, finer.floor)  # frame by frame, under other weights
     monkeypatch.setattr(replay, "_followed", lambda job: None if job[2] is not None else near(job))
     assert np.isnan(mean(base_replays(model, (), data)).floor)
+
+
+def test_states_from_other_errors_are_driven_as_the_whole_recording_is(monkeypatch):
+    model, recording, x, v = swung(12)
+    slip, asked = library()["boundary_slip"], []
+    slipping = model.joined([slip], {slip.name: np.array([0.02, 0.1])})
+    nothing = States(x[:0], v[:0], "stuck")
+    monkeypatch.setattr(replay, "states", lambda model, motion, *_: asked.append(motion.boundary) or nothing)
+    job = Job(slipping, recording, Window(0, 5, 4), States(x, v, "converged"), smooth_modes(model.subject.cloth, 2))
+    assert replay._seen_otherwise(job, 0) is job
+    assert np.array_equal(asked[0], slipping.driven(recording.motion).boundary[5:10])
 
 
 def test_a_replay_starts_where_its_first_frames_ask_for():

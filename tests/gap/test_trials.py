@@ -102,7 +102,7 @@ def test_what_was_simulated_stands_where_it_cannot_be_followed_further(monkeypat
 
 @pytest.mark.parametrize(("gains", "times"), [(0.0, 1), (2.0, AGAIN)])
 def test_a_fabric_that_wanders_on_for_nothing_is_not_followed(monkeypatch, gains, times):
-    """A smoothing tracker (open case) had asked for four more simulations: every time for 1.8 times the stiffness, and for the same strength."""
+    """A smoothing tracker (open case) was simulated six times: it asked for another stiffness again and again, at the same evidence."""
     evidence = iter(20.0 + gains * np.arange(9))
     t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, next(evidence) if name == FRICTION else 1.0))
     t.promised = {FRICTION: 20.0}
@@ -281,7 +281,7 @@ def test_two_second_effects_are_simulated_of_twins_one(monkeypatch):
 
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_pair_that_moves_is_simulated_once_more(monkeypatch, moves):
-    """A right pair had made a blind prediction worse."""
+    """As single effects are, but once."""
     strength = {True: 0.3, False: 0.3}
 
     def finds(name, origin):
