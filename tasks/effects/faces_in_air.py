@@ -6,12 +6,11 @@ r is the velocity (τ = s, x₀ = x̂: φ is a dissipation) or the acceleration 
 at x_n (lagged), so that the Hessian is symmetric; derivatives go through the lag. Each corner takes a third of its face's force.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 from typing_extensions import override
 
 from tasks.effects.effect import Subject
@@ -55,11 +54,11 @@ class FacesInAir:
 
     def mean(self, field: Array) -> Array:
         """Mean over the corners of a field [..., V, 3] -> [..., F, 3]."""
-        return _apply(self._mean, field)
+        return _mean(self.faces, _columns(field)).reshape(*field.shape[:-2], len(self.faces), 3)
 
     def to_corners(self, force: Array) -> Array:
         """A third of the force [..., F, 3] of each face at each of its corners -> [..., V, 3]."""
-        return _apply(self._mean.T, force)
+        return _to_corners(self.faces, _columns(force), self.vertex_count).reshape(*force.shape[:-2], self.vertex_count, 3)
 
     def _rates(self, slopes: Array, dx: Array) -> Array:
         """Σ_corners slopes · dx [P, F, 3] for slopes [F, 3, 3 corners, 3]."""
@@ -68,11 +67,6 @@ class FacesInAir:
     @cached_property
     def _rows(self) -> NDArray[np.int32]:
         return np.repeat(self.faces, 3, axis=0)
-
-    @cached_property
-    def _mean(self) -> csr_matrix:
-        F = len(self.faces)
-        return csr_matrix((np.full(3 * F, 1 / 3), self.faces.ravel(), 3 * np.arange(F + 1)), shape=(F, self.vertex_count))
 
 
 class PlatesTerm(Potential):
@@ -199,8 +193,27 @@ def outer(c: Array, n: Array) -> Array:
     return np.einsum("f,fi,fj->fij", c, n, n)
 
 
-def _apply(matrix: csr_matrix, field: Array) -> Array:
-    """A matrix [A, B] on the last but one axis of a field [..., B, 3]."""
-    lead: Sequence[int] = field.shape[:-2]
-    flat = np.moveaxis(field, -2, 0).reshape(field.shape[-2], -1)
-    return np.moveaxis((matrix @ flat).reshape(matrix.shape[0], *lead, 3), 0, -2)
+def _columns(field: Array) -> Array:
+    """A field [..., A, 3] as [P, A, 3]."""
+    return np.ascontiguousarray(field).reshape(-1, *field.shape[-2:])
+
+
+@njit(cache=True, nogil=True)
+def _mean(faces, field):
+    out = np.empty((len(field), len(faces), 3))
+    for p in range(len(field)):
+        for f in range(len(faces)):
+            for i in range(3):
+                out[p, f, i] = (field[p, faces[f, 0], i] + field[p, faces[f, 1], i] + field[p, faces[f, 2], i]) / 3
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _to_corners(faces, force, vertex_count):
+    out = np.zeros((len(force), vertex_count, 3))
+    for p in range(len(force)):
+        for f in range(len(faces)):
+            for k in range(3):
+                for i in range(3):
+                    out[p, faces[f, k], i] += force[p, f, i] / 3
+    return out

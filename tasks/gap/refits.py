@@ -34,7 +34,7 @@ TWIN = 0.01  # of evidence, so that of two that are the same the one that was si
 class Refitted:
     """A hypothesis after a refit with the simulator: its model, how it fits, the evidence of its windows, those of them that could be
     followed linear about it (`windows`; None where these are too few) and, linear about the base, what they are compared with (`against`),
-    its replays, and what replays as it was simulated tell of every effect (`Replay.normals`, mean).
+    its replays, and those of it as it was simulated.
     """
 
     hypothesis: Fitted
@@ -42,13 +42,18 @@ class Refitted:
     evidence: tuple[Evidence, ...]
     windows: Windows | None
     replays: tuple[Replay | None, ...] = ()
-    told: Normals | None = None
+    replays_as_simulated: tuple[Replay | None, ...] = ()
     against: Windows | None = None
 
     @property
     def replayed(self) -> Replayed:
         """How near its replays come, mean over recordings."""
         return mean(self.replays)
+
+    @property
+    def told(self) -> Normals | None:
+        """What replays as it was simulated tell of every effect (`Replay.normals`, mean); None where it was not replayed."""
+        return mean_normals(self.replays_as_simulated)
 
 
 def refitted(
@@ -116,7 +121,7 @@ def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run
     told = mean_normals(here)
     if told is None:
         return named
-    alone = replace(named, replays=here, told=told)
+    alone = replace(named, replays=here, replays_as_simulated=here)
     together = replace(alone, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin))
     found = alone if moved_on(together) else together
     for asked in (together, alone) if _apart(together.hypothesis, alone.hypothesis) else (together,):
@@ -124,6 +129,12 @@ def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run
             there = replace(asked, replays=replayed_by(corrected_model(asked), base, data, run))
             found = there if _agrees_more(there, found, named.hypothesis) else found
     return replace(found, hypothesis=replace(found.hypothesis, support=_support(found, base, beside)))
+
+
+def taken_back(named: Refitted, base: Sequence[Replay | None], *, beside: Refitted | None = None) -> Refitted:
+    """A hypothesis without its last step: at the strengths with which it was simulated, weighed by replays of just that."""
+    here = replace(named, hypothesis=part_way(named, 0.0), replays=named.replays_as_simulated)
+    return replace(here, hypothesis=replace(here.hypothesis, support=_support(here, base, beside))) if here.replays else here
 
 
 def _agrees_more(one: Refitted, other: Refitted, windows: Fitted) -> bool:

@@ -7,7 +7,6 @@ unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from tasks.gap.refits import (
     replayed,
     searched,
     strengths_moved,
+    taken_back,
 )
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
@@ -96,8 +96,11 @@ class Trials:
         """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""
         self.tell(f"refit with {hypothesis.name}")
         found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, run=self.run)
-        beside = self.after.get(hypothesis.effects[0].name) if len(hypothesis.effects) == 2 else None
-        return replayed(found, self.replays, self.train, self.run, beside=beside)
+        return replayed(found, self.replays, self.train, self.run, beside=self._first_of(hypothesis))
+
+    def _first_of(self, hypothesis: Fitted) -> Refitted | None:
+        """Of two causes the first alone, as it was simulated."""
+        return self.after.get(hypothesis.effects[0].name) if len(hypothesis.effects) == 2 else None
 
     @property
     def singles(self) -> list[Fitted]:
@@ -177,7 +180,7 @@ class Trials:
                 break
             if self._whole(found.hypothesis) > self._whole(now.hypothesis) - SLACK:
                 return found
-        return replace(now, hypothesis=part_way(now, 0.0))
+        return taken_back(now, self.replays, beside=self._first_of(now.hypothesis))
 
     def _whole(self, h: Fitted) -> float:
         """Evidence with what replays say in it."""

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from typing_extensions import override
 
@@ -38,11 +39,7 @@ class Inertia(Potential):
         """M dx for dx [V, 3] or [K, V, 3]."""
         if self.stencils.shape[1] == 1:  # lumped: every vertex once
             return self._diagonal[:, None] * dx
-        local = np.einsum("kpq,...kqi->...kpi", self.values, dx[..., self.stencils, :])
-        out = np.zeros_like(dx)
-        for p in range(self.stencils.shape[1]):
-            np.add.at(np.moveaxis(out, -2, 0), self.stencils[:, p], np.moveaxis(local[..., p, :], -2, 0))
-        return out
+        return _times(self.stencils, self.values, np.ascontiguousarray(dx).reshape(-1, *dx.shape[-2:])).reshape(dx.shape)
 
     @cached_property
     def _diagonal(self) -> Array:
@@ -75,3 +72,16 @@ class Inertia(Potential):
     @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array:
         return -self.times(d.x_hat + step.s * d.v_hat) / step.s**2
+
+
+@njit(cache=True, nogil=True)
+def _times(stencils, values, dx):
+    out = np.zeros_like(dx)
+    K, m = stencils.shape
+    for c in range(len(dx)):
+        for k in range(K):
+            for p in range(m):
+                for q in range(m):
+                    for i in range(3):
+                        out[c, stencils[k, p], i] += values[k, p, q] * dx[c, stencils[k, q], i]
+    return out

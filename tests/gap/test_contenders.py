@@ -143,6 +143,18 @@ def test_a_second_cause_is_weighed_against_replays_of_the_first(monkeypatch, fir
         assert found.hypothesis.support == pytest.approx(5.0 + supported(Replayed(1.5e-6, 1e-6), Replayed(1e-6, 1e-6, 12e-6)))
 
 
+def test_a_step_taken_back_takes_its_replays_along(monkeypatch):
+    """Replays of the step came nearer than the simulated strength's: they say nothing for that one."""
+    h = replace(ranked({"contact_friction": 0.3})[0], base=np.array([0.5, 0.0]), support=9.0)
+    model = SimpleNamespace(strength=lambda e: np.array([0.2]), by_column=lambda effects: dict.fromkeys(h.strengths, 0.2))
+    base, simulated, stepped = ((replay(Replayed(gap, 1e-6, 20e-6)),) for gap in (8e-6, 5e-6, 1e-6))
+    found = refits.taken_back(Refitted(h, model, (), None, stepped, simulated), base)
+    assert found.hypothesis.strengths == dict.fromkeys(h.strengths, 0.2) and not found.hypothesis.base.any()
+    assert found.replayed.gap == 5e-6
+    assert found.hypothesis.support == supported(Replayed(8e-6, 1e-6), Replayed(5e-6, 1e-6, 20e-6))
+    assert refits.taken_back(Refitted(h, model, (), None), base).hypothesis.support == 9.0  # never replayed
+
+
 OFF = (
     (9e-6, 0.0, 0.0),
     (1.5e-6, 3e-6, 1e-3),
