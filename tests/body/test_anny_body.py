@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import smplx
 import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from tasks.body import anny_body
 from tasks.body.anny_body import build_demo_body
 from tasks.body.anny_landmarks import LEFT_POINTS
 from tasks.body.makehuman import MakeHuman, read_makehuman
@@ -185,3 +187,11 @@ def test_people_are_those_of_anny(human):
     rest = reference(phenotype_kwargs={**traits, **race, "age": 2 / 3 + 0.1})["rest_vertices"][0].numpy()  # anny: young 2/3, old 1; z up
     ours = human.shape(**traits, age=0.3, race=tuple(race.values()))[reference.base_mesh_vertex_indices.numpy()]
     assert np.abs(rest[:, [0, 2, 1]] * [1, 1, -1] - ours).max() < 1e-6
+
+
+def test_the_body_is_built_by_one_thread_whatever_is_allowed(monkeypatch):
+    """By two its singular vectors had other last bits, and the demo's cameras with them."""
+    monkeypatch.setattr(anny_body, "read_makehuman", lambda: None)
+    monkeypatch.setattr(anny_body, "_arrays", lambda _: {lib["num_threads"] for lib in threadpool_info()})
+    with threadpool_limits(2):
+        assert anny_body.demo_body_arrays() == {1}
