@@ -116,6 +116,26 @@ def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, mon
     assert (folder.answer(7) / "stderr.txt").read_text() == "it broke"
 
 
+@pytest.mark.parametrize("ask", [exam.diagnose, lambda folder, number: exam.ask(folder, number, ["chance"])])
+def test_code_that_cannot_be_imported_has_not_answered(folder, monkeypatch, tmp_path, ask):
+    """Of a version that lacked a name, 134 cases were once told as failed by six rivals that had never begun."""
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['tasks.gap.blind'] = None\n")
+    run = exam.run_apart
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: run(["env", f"PYTHONPATH={tmp_path}:{exam.ROOT}", *command], place))
+    with pytest.raises(RuntimeError, match=r"(?s)cannot be imported, and case 7 was not answered.*tasks\.gap\.blind"):
+        ask(folder, 7)
+    assert not any(folder.answered(7, candidate) for candidate in (None, "chance"))
+
+
+def test_a_process_that_somebody_ended_has_not_answered(folder, monkeypatch):
+    monkeypatch.setattr(
+        exam, "run_apart", lambda command, place: ("", "", subprocess.run(["bash", "-c", "kill $$"], check=False).returncode)
+    )
+    with pytest.raises(RuntimeError, match="ended from outside"):
+        exam.diagnose(folder, 7)
+    assert not folder.answered(7)
+
+
 def test_withheld_effects_are_left_out_and_answers_are_kept(folder, monkeypatch):
     calls = []
 
