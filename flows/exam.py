@@ -15,9 +15,6 @@ whoever comes next goes on where the last one stopped, wherever that was.
 
 import hashlib
 import json
-import os
-import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,8 +27,7 @@ from typing import Any, Literal
 import numpy as np
 
 from flows import exam_engine
-from flows.endings import CANCELLED
-from flows.exam_candidate import UNSTARTED
+from flows.exam_process import run_apart
 from flows.exam_scoreboard import OWN, SCOREBOARD, entered, entries, result, sat
 from storage_schemas.durable import replace_file
 from tasks.child_process import run_in_children
@@ -47,9 +43,7 @@ ROOT = Path(__file__).parents[1]
 EXAMINED = ("tasks/simulator", "tasks/effects", "tasks/cloth", "tasks/gap")
 OPEN_FILES = ("train-1.npz", "train-2.npz", "blind.npz")
 UNMADE = "left-out"  # file of a case that could not be made: why
-LIMIT_S = 7200  # wall-clock seconds of one diagnosis, on a machine that may do other things
 TASK_S = 6 * 3600.0  # of everything about one case, in a child process
-UNASKED = {UNSTARTED: "cannot be imported", CANCELLED: "was cancelled", -signal.SIGTERM: "was ended from outside"}  # by exit code
 THIRD = 3  # slow rivals answer the cases whose number this divides
 Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
@@ -290,10 +284,7 @@ def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
 
 @contextmanager
 def examined(folder: Folder, number: int, command: Sequence[str], options: Sequence[str]) -> Iterator[tuple[Path, str, str]]:
-    """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout, none if it failed, and stderr.
-
-    Raises RuntimeError where nobody answered: the examined code cannot be imported, or somebody ended its process.
-    """
+    """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout, none if it failed, and stderr."""
     case = folder.case(number)
     withheld = case / "withheld"
     without = [word for name in withheld.read_text().split() for word in ("--without", name)] if withheld.exists() else []
@@ -302,8 +293,6 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
             (Path(place) / name).write_bytes((case / name).read_bytes())
         files = [*OPEN_FILES[:2], "--predict", OPEN_FILES[2]]
         text, errors, code = run_apart([sys.executable, "-m", "flows.exam_candidate", *command, *files, *options, *without], Path(place))
-        if code in UNASKED:
-            raise RuntimeError(f"{' '.join(command)} {UNASKED[code]}, and case {number} was not answered: {errors}")
         yield Path(place), text if code == 0 else "", errors
 
 
@@ -366,27 +355,6 @@ def unanswered(tasks: Sequence[Task], of: str, scoreboard: Path) -> list[Task]:
 def answers(rival: Rival, number: int) -> bool:
     """Whether a rival answers this case: slow ones answer a third."""
     return not rival.slow or number % THIRD == 0
-
-
-def run_apart(command: list[str], place: Path) -> tuple[str, str, int]:
-    """stdout, stderr and exit code of a command run in `place`, without the user's settings; 5 when it takes too long."""
-    known = {
-        "PATH",
-        "HOME",
-        "PHYSAVATAR_CACHE",
-        "LANG",
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "NUMBA_CACHE_DIR",
-        "VIRTUAL_ENV",
-    }
-    environment = {k: v for k, v in os.environ.items() if k in known} | {"PYTHONPATH": str(ROOT)}
-    try:
-        ended = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-    except subprocess.TimeoutExpired:
-        return "", f"no answer within {LIMIT_S} s", 5
-    return ended.stdout, ended.stderr, ended.returncode
 
 
 def _parsed(text: str) -> Row | None:

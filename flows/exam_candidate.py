@@ -9,9 +9,9 @@ from importlib import import_module
 
 CLOSED = (".truth", "tasks/exam/generator", "exam-scoreboard")
 OPENING = {"open", "os.listdir", "os.scandir", "os.chdir", "os.link", "os.symlink", "os.rename", "shutil.copyfile"}
-ANSWERING = {"gap": "flows.gap", "exam": "flows.exam_rival"}
-UNSTARTED = 70  # sysexits.h: internal software error
 STARTING = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"}
+ANSWERING = {"gap": "flows.gap", "exam": "flows.exam_rival"}  # what a command imports
+UNSTARTED = 70  # sysexits.h: internal software error
 
 
 def closed(event: str, arguments: tuple) -> None:

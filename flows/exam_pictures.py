@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flows.demo import vertices_of
-from flows.exam import Folder, Split, run_apart, sealed_seed, version, write_json
+from flows.exam import Folder, Split, sealed_seed, version, write_json
+from flows.exam_process import run_apart
 from flows.exam_scoreboard import PICTURES, SCOREBOARD, entered
 from storage_schemas.gap import Gap
 from storage_schemas.reference import ArtifactRef

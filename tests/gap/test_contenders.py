@@ -143,7 +143,7 @@ def test_a_second_cause_is_weighed_against_replays_of_the_first(monkeypatch, fir
         assert found.hypothesis.support == pytest.approx(5.0 + supported(Replayed(1.5e-6, 1e-6), Replayed(1e-6, 1e-6, 12e-6)))
 
 
-def test_a_step_taken_back_takes_its_replays_along(monkeypatch):
+def test_a_step_taken_back_takes_its_replays_along():
     """Replays of the step came nearer than the simulated strength's: they say nothing for that one."""
     h = replace(ranked({"contact_friction": 0.3})[0], base=np.array([0.5, 0.0]), support=9.0)
     model = SimpleNamespace(strength=lambda e: np.array([0.2]), by_column=lambda effects: dict.fromkeys(h.strengths, 0.2))
