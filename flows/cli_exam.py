@@ -1,6 +1,7 @@
 """`physavatar exam`: the blind check of the diagnosis."""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +19,7 @@ app = App(name="exam", help="The blind check of the diagnosis.")
 Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
 AtLeastOne = Annotated[int, Parameter(validator=Number(gte=1))]
+Hours = Annotated[float, Parameter(validator=Number(gte=0))]
 Json = Annotated[bool, Parameter(name="--json", negative="")]
 OUT, ERR = Console(), Console(stderr=True)
 
@@ -30,6 +32,7 @@ def exam(
     split: Split = "open",
     engine: Engine = "own",
     at_once: AtLeastOne = 1,
+    hours: Hours = math.inf,
     service: Annotated[bool, Parameter(name="--service", negative="")] = False,
     out: Path = Path("exam"),
     rivals: Annotated[bool, Parameter(name="--rivals", negative="")] = False,
@@ -45,6 +48,7 @@ def exam(
     split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
     engine: Whose engine moves the cloth. mujoco is installed on first use, in an environment of its own below the cache folder.
     at_once: How many cases at a time, each in a process of its own.
+    hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
     service: Have the service's workers do them, so many at a time; they must reach the folder.
     out: Folder of this exam.
     rivals: Let all rivals answer as well; slow ones a third of the cases.
@@ -58,10 +62,10 @@ def exam(
 
     if engine != "own":
         exam_engine.prepare(_say)
-    folder = blind.Folder(out / blind.folder_name(seed, split, engine))
+    folder, spread = blind.Folder(out / blind.folder_name(seed, split, engine)), _spread(at_once, hours, service=service)
     sitting = blind.Exam(folder, cases, seed, split, engine)
     beside = chosen(tuple(library.rivals()) if rivals else rival)
-    result = blind.sit(sitting, rivals=beside, spread=_spread(at_once, service=service), say=_say)
+    result = blind.sit(sitting, rivals=beside, spread=spread, say=_say)
     return _tell(result, folder, seed, json_)
 
 
@@ -85,12 +89,22 @@ def _tell(result: dict[str, Any], folder: Any, seed: int, json_: bool) -> int:
     return OK if result["rows"] else STAGE_FAILED
 
 
-def _spread(count: int, *, service: bool) -> Any:
+def _spread(count: int, hours: float, *, service: bool) -> Any:
     """Where cases are worked on: here in turn, here in processes of their own, or by the service's workers."""
     from flows import exam as blind
 
     if not service:
-        return blind.in_turn if count == 1 else blind.at_once(count)
+        return blind.in_turn if count == 1 and math.isinf(hours) else blind.at_once(count, hours)
+    if not math.isinf(hours):
+        refuse(
+            [
+                Fault(
+                    f"--hours {hours:g}",
+                    "the service's runs have no end by the clock",
+                    "Leave it out, and cancel the run exam when it is to stop",
+                )
+            ]
+        )
     from flows.config import load
     from flows.service.examination import over_workers
     from flows.service.server import speak_to_server
@@ -120,7 +134,9 @@ def generate(*, cases: AtLeastOne, out: Path, seed: int = 0, first: Annotated[in
 
 
 @app.command
-def pictures(*, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", out: Path = Path("exam"), json_: Json = False) -> int:
+def pictures(
+    *, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", hours: Hours = math.inf, out: Path = Path("exam"), json_: Json = False
+) -> int:
     """Cases that start from images with a fault of calibration or body, and go through all stages. What was done before is kept.
 
     Parameters
@@ -128,6 +144,7 @@ def pictures(*, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", out
     cases: How many; a quarter of an hour each.
     seed: Which set of cases.
     split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+    hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
     out: Folder of this exam.
     json_: Machine-readable JSON on stdout.
     """
@@ -136,7 +153,7 @@ def pictures(*, cases: AtLeastOne = 8, seed: int = 0, split: Split = "open", out
     from flows.exam_scoreboard import PICTURES
 
     folder = blind.Folder(out / blind.folder_name(seed, split, PICTURES))
-    return _tell(exam_pictures.sit(folder, cases, seed, split, say=_say), folder, seed, json_)
+    return _tell(exam_pictures.sit(folder, cases, seed, split, hours=hours, say=_say), folder, seed, json_)
 
 
 @app.command

@@ -15,8 +15,10 @@ whoever comes next goes on where the last one stopped, wherever that was.
 
 import hashlib
 import json
+import math
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -249,12 +251,12 @@ def in_turn(tasks: Sequence[Task], say: Say) -> None:
         do(task, say)
 
 
-def at_once(count: int) -> Spread:
-    """So many at a time, each in a process of its own: one case is made while another is diagnosed."""
+def at_once(count: int, hours: float = math.inf) -> Spread:
+    """So many at a time, each in a process of its own: one case is made while another is diagnosed. No case is begun after so many hours."""
 
     def spread(tasks: Sequence[Task], say: Say) -> None:
-        left = [(task,) for task in tasks if not task.done]
-        run_in_children(do, left, limit_s=TASK_S, at_once=count, on_message=lambda _, line: say(line))
+        left, begin_by = [(task,) for task in tasks if not task.done], time.monotonic() + 3600 * hours
+        run_in_children(do, left, limit_s=TASK_S, at_once=count, begin_by=begin_by, on_message=lambda _, line: say(line))
 
     return spread
 
@@ -321,7 +323,7 @@ def mark_rivals(exam: Exam, tasks: Sequence[Task], rivals: Sequence[Rival], ours
 def sit(
     exam: Exam, *, rivals: Sequence[Rival] = (), scoreboard: Path = SCOREBOARD, spread: Spread = in_turn, say: Say = lambda _: None
 ) -> Row:
-    """Make, diagnose and score all cases, and let rivals answer them.
+    """Make, diagnose and score all cases, or those that `spread` gets done, and let rivals answer them.
 
     Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of
     this version and seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the
@@ -330,15 +332,18 @@ def sit(
     began = version()
     wanted = exam.tasks(rivals) if exam.split == "open" else unanswered(exam.tasks(rivals), began, scoreboard)
     spread(wanted, say)
-    made = [task for task in wanted if exam.folder.made(task.question.number)]
-    left_out = [task.question.number for task in wanted if task not in made]
+    done = [task for task in wanted if task.done]
+    if len(done) < len(wanted):
+        say(f"left for another time: {len(wanted) - len(done)} of {len(wanted)} cases")
+    made = [task for task in done if exam.folder.made(task.question.number)]
+    left_out = [task.question.number for task in done if task not in made]
     if exam.split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
     attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
     ours = [*entries(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
     attempt["rivals"] = mark_rivals(exam, made, rivals, ours)
-    return entered(exam.split, attempt, scoreboard) if wanted else result(exam.split, attempt, scoreboard)
+    return entered(exam.split, attempt, scoreboard) if done else result(exam.split, attempt, scoreboard)
 
 
 def unanswered(tasks: Sequence[Task], of: str, scoreboard: Path) -> list[Task]:

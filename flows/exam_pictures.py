@@ -16,8 +16,10 @@ What they test is whether a cause survives pictures, tracking and registration. 
 """
 
 import json
+import math
 import os
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,7 +31,7 @@ from numpy.typing import NDArray
 from flows.demo import vertices_of
 from flows.exam import Folder, Split, sealed_seed, version, write_json
 from flows.exam_process import run_apart
-from flows.exam_scoreboard import PICTURES, SCOREBOARD, entered
+from flows.exam_scoreboard import PICTURES, SCOREBOARD, entered, result, sat
 from storage_schemas.gap import Gap
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
@@ -101,23 +103,36 @@ def _question(number: int, seed: int, size: Request) -> Question:
     return Question(number, request, fault, (float(rng.uniform(*OFFSET)),))
 
 
-def sit(folder: Folder, count: int, seed: int, split: Split, *, scoreboard: Path = SCOREBOARD, say: Say = lambda line: None) -> Row:
-    """Make the recordings, run all stages on each, and mark what `gap` says; what is there is kept. A sealed attempt goes to the
-    scoreboard.
+def sit(
+    folder: Folder,
+    count: int,
+    seed: int,
+    split: Split,
+    *,
+    hours: float = math.inf,
+    scoreboard: Path = SCOREBOARD,
+    say: Say = lambda line: None,
+) -> Row:
+    """Make the recordings, run all stages on each, and mark what `gap` says; none is begun after so many hours. A sealed attempt goes to the
+    scoreboard, and what that has of the version is not done again.
 
     Raises RuntimeError when the examined code was changed meanwhile.
     """
-    began = version()
-    wanted = questions(count, seed if split == "open" else sealed_seed(seed))
-    for q in wanted:
+    began, end, done = version(), time.monotonic() + 3600 * hours, []
+    known = sat(scoreboard, began, seed, PICTURES) if split == "sealed" else set()
+    for q in questions(count, seed if split == "open" else sealed_seed(seed)):
+        if q.number in known or time.monotonic() >= end:
+            continue
         say(f"{q.actor}: recording")
         make(folder, q)
         say(f"{q.actor}: all stages")
         diagnose(folder, q)
+        done.append(q)
     if split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": seed, "count": count, "engine": PICTURES, "left_out": []}
-    return entered(split, attempt | {"cases": [mark(folder, q) for q in wanted], "rivals": {}}, scoreboard)
+    told = entered if done else result
+    return told(split, attempt | {"cases": [mark(folder, q) for q in done], "rivals": {}}, scoreboard)
 
 
 def make(folder: Folder, q: Question) -> None:

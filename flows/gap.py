@@ -58,7 +58,8 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
     def held_out():
         return [work.recording(recording(read_tracked_geometry(p), str(p), garment)) for p in request.held_out]
 
-    with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
+    cores = os.cpu_count() or 1
+    with Pool(limit_s=LIMIT_S, at_once=cores) as pool:
         found = diagnose(
             work.garment.model,
             work.garment.recordings,
@@ -67,6 +68,7 @@ def run(request: Request, tell: Callable[[str], None] = lambda text: None) -> tu
             held_out=held_out if request.held_out else None,
             quick=request.quick,
             run=pool.map,
+            abreast=cores,
             tell=tell,
         )
         if inputs.blind is not None and request.out is not None:

@@ -5,11 +5,13 @@ pipe to the parent that started the child, never through files.
 """
 
 import ctypes
+import math
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -34,9 +36,12 @@ def run_in_children(
     *,
     limit_s: float,
     at_once: int = 2,
+    begin_by: float = math.inf,
     on_message: Callable[[int, Any], None] = lambda index, message: None,
 ) -> list[Any]:
     """function(*arguments[i], tell) for every i, `at_once` at a time; what the child passes to `tell` reaches `on_message(i, …)`.
+
+    begin_by: on the clock of `time.monotonic`; no child is started later, and what was not started has None for its result.
 
     Raises ChildFailed or ChildTimedOut; no child outlives the call. Exceptions of the function are raised here with their own type.
     """
@@ -44,6 +49,8 @@ def run_in_children(
     waiting, running = list(range(len(arguments))), {}
     try:
         while waiting or running:
+            if time.monotonic() >= begin_by:
+                waiting.clear()
             while waiting and len(running) < at_once:
                 index = waiting.pop(0)
                 running[index] = _Child(function, arguments[index], limit_s)
@@ -116,54 +123,86 @@ def _work(send: Connection, parent: int, function: Callable[..., Any], arguments
 
 
 class Pool:
-    """Processes that stay, for many short computations: `map` applies a function to each item, in order.
+    """Processes that stay, for many short computations: `map` applies a function to each item, in order. Threads may share it.
 
     A computation that is killed, or runs past the limit, is begun again in a new process, at most `attempts` times in all; `reasons` tells.
     """
 
     def __init__(self, *, limit_s: float, at_once: int = 2, attempts: int = 3) -> None:
-        self.limit_s, self.at_once, self.attempts = limit_s, at_once, attempts
+        self.limit_s, self.attempts = limit_s, attempts
         self.reasons: list[str] = []
-        self._executor: ProcessPoolExecutor | None = None
+        self._threads, self._own = ThreadPoolExecutor(at_once), threading.local()
+        self._processes: list[_Staying] = []
 
     def __enter__(self) -> "Pool":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        for process in self._processes:
+            process.end(for_good=True)
+        self._threads.shutdown(cancel_futures=True)
 
     def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """Raises ChildFailed or ChildTimedOut after the last attempt."""
+        """Raises ChildFailed or ChildTimedOut after the last attempt of one; what has not begun by then is dropped."""
         items = list(items)
-        results: dict[int, Any] = {}
+        names = [f"computation {i} of {len(items)}" for i in range(1, len(items) + 1)]
+        futures = [self._threads.submit(self._computed, function, *each) for each in zip(items, names, strict=True)]
+        try:
+            return [future.result() for future in futures]
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _computed(self, function: Callable[[Any], Any], item: Any, name: str) -> Any:
         for attempt in range(1, self.attempts + 1):
             try:
-                self._collect(function, items, results)
-                return [results[i] for i in range(len(items))]
+                return self._process().compute(function, item, self.limit_s)
             except (BrokenProcessPool, TimeoutError) as error:
-                self._end()
                 slow = isinstance(error, TimeoutError)
                 reason = f"still running after {self.limit_s:.0f} s" if slow else "killed before it had a result"
-                self.reasons.append(f"computation {len(results) + 1} of {len(items)}: {reason} (attempt {attempt})")
+                self.reasons.append(f"{name}: {reason} (attempt {attempt})")
                 if attempt == self.attempts:
                     raise (ChildTimedOut if slow else ChildFailed)(self.reasons[-1]) from None
         raise AssertionError("unreachable")
 
-    def _collect(self, function: Callable[[Any], Any], items: list[Any], results: dict[int, Any]) -> None:
-        if self._executor is None:
-            self._executor = ProcessPoolExecutor(self.at_once, get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
-        futures = {i: self._executor.submit(function, item) for i, item in enumerate(items) if i not in results}
-        deadline = time.monotonic() + self.limit_s * max(1, -(-len(futures) // self.at_once))
-        for i, future in futures.items():
-            results[i] = future.result(timeout=max(0.0, deadline - time.monotonic()))
+    def _process(self) -> "_Staying":
+        """This thread's own: a process dies with the thread that began it, and each thread lasts as long as the pool."""
+        if not hasattr(self._own, "process"):
+            self._own.process = _Staying()
+            self._processes.append(self._own.process)
+        return self._own.process
 
-    def _end(self) -> None:
-        if self._executor is None:
-            return
-        executor, self._executor = self._executor, None
-        for process in list((executor._processes or {}).values()):
-            process.kill()
-        executor.shutdown(wait=True, cancel_futures=True)
+
+class _Staying:
+    """One process, begun when it is first needed, and again after it had to be killed."""
+
+    def __init__(self) -> None:
+        self._executor: ProcessPoolExecutor | None = None
+        self._ended, self._changing = False, threading.Lock()
+
+    def compute(self, function: Callable[[Any], Any], item: Any, limit_s: float) -> Any:
+        """Raises BrokenProcessPool or TimeoutError; the next computation has another process then."""
+        with self._changing:
+            if self._ended:
+                raise ChildFailed("the pool has ended")
+            if self._executor is None:
+                self._executor = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
+            future = self._executor.submit(function, item)
+        try:
+            return future.result(timeout=limit_s)
+        except (BrokenProcessPool, TimeoutError):
+            self.end()
+            raise
+
+    def end(self, *, for_good: bool = False) -> None:
+        """Kill it."""
+        with self._changing:
+            self._ended |= for_good
+            executor, self._executor = self._executor, None
+        if executor is not None:
+            for process in list((executor._processes or {}).values()):
+                process.kill()
+            executor.shutdown(wait=True, cancel_futures=True)
 
 
 def _begin(parent: int) -> None:

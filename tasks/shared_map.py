@@ -13,7 +13,8 @@ The folder must be shared, with locks (NFS 4); results are plain data (`plain_da
 
 import time
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -32,7 +33,7 @@ class Superseded(Exception):
 
 
 class SharedMap:
-    """See the module docstring. `here` computes `at_once` items side by side on this machine."""
+    """See the module docstring. `here` computes items on this machine, and bears to be asked by `at_once` threads at a time."""
 
     def __init__(self, folder: Path, here: Map, at_once: int) -> None:
         self.folder, self.here, self.at_once = folder, here, at_once
@@ -64,19 +65,24 @@ class SharedMap:
                 time.sleep(POLL_S)
 
     def _compute(self, function: Callable[[Any], Any], missing: list[tuple[Any, Path]]) -> bool:
-        """Compute what nobody else is computing, at most `at_once`; whether there was any."""
-        with ExitStack() as leases:
-            mine = []
-            for item, file in missing:
-                with suppress(Leased):
-                    leases.enter_context(hold(file.with_suffix(".lease"), seconds=LEASE_S))
-                    mine.append((item, file))
-                if len(mine) == self.at_once:
-                    break
-            mine = [(item, file) for item, file in mine if not file.exists()]  # somebody finished it while we looked
-            for (_, file), result in zip(mine, self.here(function, [item for item, _ in mine]) if mine else []):
-                replace_file(file, as_bytes(result), forced=False)
-        return bool(mine)
+        """Compute what nobody else is computing, `at_once` side by side; whether there was any."""
+        threads = ThreadPoolExecutor(self.at_once)
+        try:
+            return any(list(threads.map(partial(self._taken, function), missing)))
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)  # what is under way where one failed, or is interrupted, is not waited for
+
+    def _taken(self, function: Callable[[Any], Any], one: tuple[Any, Path]) -> bool:
+        """Compute one item, unless somebody else does; whether it is there now."""
+        item, file = one
+        try:
+            with hold(file.with_suffix(".lease"), seconds=LEASE_S):
+                if not file.exists():  # somebody finished it while we looked
+                    (result,) = self.here(function, [item])
+                    replace_file(file, as_bytes(result), forced=False)
+                return True
+        except Leased:
+            return False
 
     def _read(self, kind: Any, file: Path) -> Any:
         try:

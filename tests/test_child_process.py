@@ -1,9 +1,11 @@
 """Children give results, tell of progress, die in time, and never outlive their parent."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -62,6 +64,12 @@ def test_results_in_order_with_messages():
     assert sorted(heard) == [(0, "squaring 1"), (1, "squaring 2"), (2, "squaring 3")]
 
 
+def test_no_child_is_started_late():
+    """The first is under way when the time comes, and is not cut short."""
+    begin_by = time.monotonic() + 0.1
+    assert run_in_children(square, [(1,), (2,), (3,)], limit_s=60, at_once=1, begin_by=begin_by) == [1, None, None]
+
+
 def test_a_child_past_its_limit_is_killed_with_all_its_own():
     pids = []
     with pytest.raises(ChildTimedOut, match="still running after 3 s"):
@@ -105,6 +113,50 @@ def test_a_pool_keeps_order_and_begins_again_what_was_killed(tmp_path):
         assert pool.map(cubed, range(5)) == [0, 1, 8, 27, 64]
         assert pool.map(dies_once, [str(tmp_path / "mark")]) == ["alive"]
         assert len(pool.reasons) == 1 and "killed" in pool.reasons[0]
+
+
+def dies_once_beside_another(path):
+    """The first is killed while the second, which notes every time it is begun, is under way."""
+    if path.endswith("doomed"):
+        while not Path(path).with_name("steady").exists():
+            time.sleep(0.01)
+        return dies_once(path)
+    with Path(path).open("a") as file:
+        file.write("begun\n")
+    time.sleep(1)
+    return Path(path).read_text()
+
+
+def test_what_is_killed_takes_no_other_with_it(tmp_path):
+    with Pool(limit_s=60) as pool:
+        found = pool.map(dies_once_beside_another, [str(tmp_path / name) for name in ("doomed", "steady")])
+    assert found == ["alive", "begun\n"]
+    assert len(pool.reasons) == 1 and pool.reasons[0].startswith("computation 1 of 2: killed")
+
+
+def test_threads_may_share_a_pool():
+    with Pool(limit_s=60) as pool, ThreadPoolExecutor(3) as threads:
+        assert list(threads.map(lambda n: pool.map(cubed, range(n)), (2, 3, 4))) == [[0, 1], [0, 1, 8], [0, 1, 8, 27]]
+
+
+def test_a_pool_that_is_interrupted_does_not_wait():
+    code = (
+        "import time\nfrom tasks.child_process import Pool\nfrom tests.test_child_process import begun_and_slow\n"
+        "with Pool(limit_s=60) as pool:\n    pool.map(begun_and_slow, [50, 50, 50])"
+    )
+    began = time.monotonic()
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    children = [int(parent.stdout.readline()) for _ in range(2)]
+    parent.send_signal(signal.SIGINT)
+    assert parent.wait(timeout=20) != 0 and time.monotonic() - began < 40
+    parent.stdout.close()
+    assert not any(living(child) for child in children)
+
+
+def begun_and_slow(seconds):
+    os.setsid()  # so that it is told by its own group
+    os.write(1, f"{os.getpid()}\n".encode())
+    time.sleep(seconds)
 
 
 def test_a_pool_gives_up_on_what_is_too_slow():

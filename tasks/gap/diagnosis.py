@@ -85,11 +85,12 @@ def diagnose(
     held_out: Callable[[], Sequence[Recording]] | None = None,
     quick: bool = False,
     run: Map = map,
+    abreast: int = 1,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
     """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed.
 
-    contact_doubt [m]: where contact may hold the cloth wrongly because the mesh is coarse.
+    contact_doubt [m]: where contact may hold the cloth wrongly because the mesh is coarse. abreast: threads that may ask `run` at a time.
     """
     tell("states")
     data = gather(model, recordings, run)
@@ -114,7 +115,7 @@ def diagnose(
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    trials = Trials(screened, first, train, effects, run, tell, quick=quick)
+    trials = Trials(screened, first, train, effects, run, tell, quick=quick, abreast=abreast)
     trials.settle()
     verdict = decided(trials)
     tell("held-out windows")

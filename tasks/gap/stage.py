@@ -100,6 +100,7 @@ def _diagnosed(
             contact_doubt=contact_sagitta(model.subject.cloth, [recording], model.settings.barrier_distance),
             quick=parameters.quick,
             run=job.spread(pool.map, cores),
+            abreast=cores,
             tell=lambda text: job.progress(1 - 0.85 ** next(steps), text),
         )
     # the same input gives the same artifact; how long it took stands in the provenance

@@ -7,6 +7,7 @@ unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a 
 """
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -55,7 +56,8 @@ UNSURE = 0.3  # and from which effects are probed at fair strengths
 class Trials:
     """What has been simulated so far. first: the model that the base refit began from; train: windows that the base could follow.
 
-    quick: the leader once more at most; afresh only where lengths ask for a scale; no second cause.
+    quick: the leader once more at most; afresh only where lengths ask for a scale; no second cause. abreast: hypotheses that are simulated at
+    a time, each from a thread of its own, which `run` must bear: of a single recording one replay would leave other cores idle.
     """
 
     def __init__(
@@ -68,7 +70,9 @@ class Trials:
         tell: Callable[[str], None],
         *,
         quick: bool,
+        abreast: int = 1,
     ) -> None:
+        self.abreast = abreast
         self.screened, self.first, self.effects, self.run, self.tell, self.quick = screened, first, effects, run, tell, quick
         self.train = train.only(e.prediction.window for e in screened.evidence)
         self.cosines = confusability(screened.windows, screened.windows.effects)
@@ -131,12 +135,14 @@ class Trials:
         missing = self.replayed.something_missing
         whole = self.foretold()
         promise = {name: support for name, (_, support) in whole.items()}
-        for h in contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise):
+
+        def tried(h: Fitted) -> Refitted:
             if h in scaled:
-                self.after[h.name] = self._stronger(self.simulate(by_derivatives[h.name]), self._afresh(h))
-            else:
-                together = h not in seen and promise.get(h.name, 0.0) > PROMISING
-                self.after[h.name] = self.simulate(whole[h.name][0] if together else h)
+                return self._stronger(self.simulate(by_derivatives[h.name]), self._afresh(h))
+            together = h not in seen and promise.get(h.name, 0.0) > PROMISING
+            return self.simulate(whole[h.name][0] if together else h)
+
+        self._all(tried, contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise))
         self._until_it_stands_still()
         if not self.quick:
             leader = self.leader.name
@@ -145,6 +151,15 @@ class Trials:
                 self._probe()
                 if self.leader.name != leader:
                     self._with_seconds()
+
+    def _all(self, simulated: Callable[[Fitted], Refitted], hypotheses: Sequence[Fitted]) -> None:
+        """Simulate hypotheses that do not go by one another."""
+        if self.abreast == 1:
+            found = [simulated(h) for h in hypotheses]
+        else:
+            with ThreadPoolExecutor(self.abreast) as threads:
+                found = list(threads.map(simulated, hypotheses))
+        self.after.update(zip((h.name for h in hypotheses), found, strict=True))
 
     def _until_it_stands_still(self) -> None:
         """Simulate whichever leads, as long as it moves or was not simulated; once afresh, if it leaves much."""
@@ -191,8 +206,9 @@ class Trials:
         known = {*self.after, *(n for pair in self.alike if pair & set(self.after) for n in pair)}
         before = self.leader.name
         self.tell("probes")
-        for h, model in probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.alike, self.run):
-            self.after[h.name] = self.simulate(h, model)
+        found = probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.alike, self.run)
+        about = {h.name: model for h, model in found}
+        self._all(lambda h: self.simulate(h, about[h.name]), [h for h, _ in found])
         if self.leader.name != before:
             self._until_it_stands_still()
 
@@ -201,13 +217,17 @@ class Trials:
         first = self.after.get(self.leader.name)
         asked = [(pair, *foretold_beside(first, pair)) for pair in self.pairs()]
         promise = {pair.name: pair.weights[1].evidence + max(support, 0.0) / TEMPER for pair, _, support in asked}
-        chosen: list[str] = []
+        chosen: dict[str, Fitted] = {}
         for pair, both, support in sorted(asked, key=lambda each: -promise[each[0].name]):
             second = pair.effects[1].name
             if promise[pair.name] > SECOND and len(chosen) < SECONDS and told_apart(second, chosen, self.alike):
-                chosen.append(second)
-                found = self.simulate(both if support > PROMISING else pair, first.model)
-                self.after[pair.name] = self._further(found) if found.windows is not None and strengths_moved(found) else found
+                chosen[second] = both if support > PROMISING else pair
+
+        def tried(pair: Fitted) -> Refitted:
+            found = self.simulate(pair, first.model)
+            return self._further(found) if found.windows is not None and strengths_moved(found) else found
+
+        self._all(tried, list(chosen.values()))
 
     def _afresh(self, hypothesis: Fitted) -> Refitted:
         """Simulated in the fabric that is found with it in the model from the first round on."""

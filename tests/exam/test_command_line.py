@@ -19,6 +19,7 @@ def run(*arguments: str) -> int:
         (["--at-once", "0"], "--at-once"),
         (["--at-once", "-2", "--service"], "--at-once"),
         (["--cases", "0", "--split", "sealed"], "--cases"),
+        (["--hours", "-1"], "--hours"),
         (["pictures", "--cases", "0"], "--cases"),
         (["generate", "--cases", "0", "--out", "exam"], "--cases"),
         (["generate", "--cases", "2", "--first", "-1", "--out", "exam"], "--first"),
@@ -31,6 +32,13 @@ def test_an_exam_of_nothing_or_by_nobody_is_refused(tmp_path, monkeypatch, capsy
     said = capsys.readouterr().err
     assert named in said and "Must be >= " in said
     assert not list(tmp_path.iterdir())
+
+
+def test_workers_have_no_hours(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(exam, "sit", lambda *_, **__: pytest.fail("it was sat"))
+    assert run("--hours", "2", "--service") == 2
+    assert "cancel the run exam" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_page_is_written_where_nothing_was_left_to_do(tmp_path, monkeypatch, capsys):

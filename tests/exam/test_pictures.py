@@ -105,8 +105,17 @@ def test_they_are_marked_and_stand_apart(answered, tmp_path) -> None:
     figures = {f["metric"]: f["value"] for f in found["figures"]}
     assert figures["top-1, single effects from 2x the floor"] == 0.5
     assert "cases from images: 4" in page(found)
-    again = sit(answered, 4, 0, "sealed", scoreboard=board)
-    assert again == found  # what was answered once counts once
+    elsewhere = Folder(tmp_path / "elsewhere")
+    assert sit(elsewhere, 4, 0, "sealed", scoreboard=board) == found  # what was answered once is not done again, on whatever machine
+    assert not elsewhere.root.exists() and len(board.read_text().splitlines()) == 1
+
+
+def test_no_case_is_begun_after_its_hours(answered, tmp_path) -> None:
+    board = tmp_path / "board.jsonl"
+    assert sit(answered, 2, 0, "sealed", hours=0, scoreboard=board)["cases"] == 0 and not board.exists()
+    assert sit(answered, 2, 0, "sealed", hours=1, scoreboard=board)["cases"] == 2
+    sit(answered, 4, 0, "sealed", scoreboard=board)
+    assert [[row["number"] for row in json.loads(line)["cases"]] for line in board.read_text().splitlines()] == [[0, 1], [2, 3]]
 
 
 @pytest.mark.slow

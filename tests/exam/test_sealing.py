@@ -195,6 +195,35 @@ def test_a_sealed_exam_is_sat_in_parts_and_pooled(folder, tmp_path, monkeypatch)
     assert not exam_scoreboard.attempts(board, "another version")
 
 
+def test_what_was_not_done_is_neither_marked_nor_left_out(folder, tmp_path, monkeypatch):
+    """A case that a rival has still to answer is not done either."""
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: ("", "", 1))
+    monkeypatch.setattr(exam, "make", refused)
+    monkeypatch.setattr(exam.Exam, "questions", lambda self: [replace(QUESTION, number=number) for number in (7, 8, 9)])
+    board, said = tmp_path / "board.jsonl", []
+
+    def sit(spread):
+        guess = Rival("guess", "guesses", "nobody", lambda case: None)
+        return exam.sit(exam.Exam(folder, 3, 0, "sealed"), rivals=[guess], scoreboard=board, spread=spread, say=said.append)
+
+    assert sit(lambda tasks, say: exam.do(tasks[0].by([None]), print))["cases"] == 0
+    assert folder.answered(7) and not board.exists() and said.pop() == "left for another time: 3 of 3 cases"
+    sit(lambda tasks, say: exam.in_turn(tasks[:2], print))
+    assert said.pop() == "left for another time: 1 of 3 cases"
+    sit(exam.in_turn)
+    told = [json.loads(line) for line in board.read_text().splitlines()]
+    assert [[row["number"] for row in line["cases"]] for line in told] == [[7], []]
+    assert [line["left_out"] for line in told] == [[8], [9]]
+
+
+def test_hours_end_when_they_have_passed(folder, monkeypatch):
+    heard = {}
+    monkeypatch.setattr(exam, "run_in_children", lambda function, arguments, **options: heard.update(options))
+    monkeypatch.setattr(exam.time, "monotonic", lambda: 1000.0)
+    exam.at_once(2, 0.5)([], print)
+    assert heard["begin_by"] == 2800.0
+
+
 def refused(question, once):
     raise exam.Unmakeable("two meshes of it differ by 12 mm")
 

@@ -1,5 +1,6 @@
 """Which simulations the leading hypothesis gets: again while its strength moves, afresh where it leaves much."""
 
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -18,11 +19,11 @@ FRICTION = "contact_friction"
 class Rehearsed(Trials):
     """Trials whose simulations are written down: what each finds follows from the fabric it starts at."""
 
-    def __init__(self, monkeypatch, *, doubt, finds, quick=False):
+    def __init__(self, monkeypatch, *, doubt, finds, quick=False, abreast=1):
         w = windows(np.random.default_rng(0), truth={FRICTION: 0.3})
         hypotheses = tuple(sorted((w.fit([e]) for e in EFFECTS), key=lambda h: -h.evidence))
         self.screened = SimpleNamespace(hypotheses=hypotheses)
-        self.train, self.effects, self.run, self.tell, self.quick = None, EFFECTS, map, print, quick
+        self.train, self.effects, self.run, self.tell, self.quick, self.abreast = None, EFFECTS, map, print, quick, abreast
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
@@ -62,6 +63,26 @@ class Rehearsed(Trials):
 
     def pairs(self):
         return self.seconds
+
+
+def test_contenders_may_be_simulated_side_by_side(monkeypatch):
+    """Two are under way before either ends, and what comes of them is the same."""
+
+    def settled(abreast):
+        together, begun = threading.Barrier(abreast, timeout=20), set()
+
+        def finds(name, origin):
+            if name not in begun:
+                begun.add(name)
+                together.wait()
+            return 0.3, 20.0 if name == FRICTION else 1.0
+
+        t = Rehearsed(monkeypatch, doubt=0.0, finds=finds, abreast=abreast)
+        monkeypatch.setattr(trials, "contenders", lambda singles, *_: list(singles)[:2])
+        t.settle()
+        return [(name, r.hypothesis.strengths, r.hypothesis.evidence) for name, r in t.after.items()]
+
+    assert settled(2) == settled(1) and len(settled(1)) == 2
 
 
 def restless():
