@@ -141,7 +141,8 @@ def test_threads_may_share_a_pool():
 
 def test_a_pool_that_is_interrupted_does_not_wait():
     code = (
-        "import time\nfrom tasks.child_process import Pool\nfrom tests.test_child_process import begun_and_slow\n"
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where tests run in the background
+        "from tasks.child_process import Pool\nfrom tests.test_child_process import begun_and_slow\n"
         "with Pool(limit_s=60) as pool:\n    pool.map(begun_and_slow, [50, 50, 50])"
     )
     began = time.monotonic()
