@@ -172,7 +172,7 @@ def _place(
     subject, collider = model.subject, motion.collider[t]
     held = Inertia(np.arange(len(target), dtype=np.int32)[:, None], weight[:, None, None])
     terms = [held] + [p for p in problem.potentials if not isinstance(p, (Inertia, ContactFriction))]
-    now = replace(problem, potentials=terms, tolerance=1e-4)
+    now = replace(problem, potentials=terms, tolerance=1e-2)
     still, previous = np.zeros_like(target), motion.collider[max(t - 1, 0)]
     if before is None:
         before = target.copy()

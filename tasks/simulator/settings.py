@@ -32,7 +32,7 @@ class Settings:
     contact_offset: float = 0.0
     contact_acceleration: float = 100.0
     friction_velocity: float = 1e-3
-    acceleration_tolerance: float = 1e-5
+    acceleration_tolerance: float = 1e-3
     velocity_tolerance: float = 0.0
     solver: Literal["exact", "cipc"] = "exact"
     newton_iterations: int = 100

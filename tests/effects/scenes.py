@@ -15,7 +15,7 @@ LENGTH = 0.3  # [m]
 FPS = 30.0
 FRAMES = 11
 FABRIC = Fabric(density=0.15 / 0.328e-3, membrane=2.0, bending=20.0, friction=0.2)
-TIGHT = Settings(substeps=1, acceleration_tolerance=1e-9)
+TIGHT = Settings(substeps=1, acceleration_tolerance=1e-8)
 
 
 def panel(boundary: bool = True) -> Cloth:

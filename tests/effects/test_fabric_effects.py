@@ -84,9 +84,9 @@ def test_the_moment_of_the_rest_curvature_is_that_of_its_tensor(direction):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_strip_without_weight_curls_away_from_its_normals_when_positive(sign):
     flat, faces = _regular(17)
-    cloth = Cloth(flat, faces, faces[0], np.ascontiguousarray(flat[faces][:, :, [0, 2]]))  # by an edge alone it would turn for ever
+    cloth = Cloth(flat, faces, np.arange(2), np.ascontiguousarray(flat[faces][:, :, [0, 2]]))
     s = Subject(cloth, FABRIC, NO_COLLIDER, np.full(len(flat), "free", "<U7"), 2.0)
-    x = at_rest(s, "fabric_rest_curvature", [3.0 * sign, 3.0 * sign], frames=100, gravity=(0.0, 0.0, 0.0))
+    x = at_rest(s, "fabric_rest_curvature", [3.0 * sign, 3.0 * sign], frames=40, gravity=(0.0, 0.0, 0.0))
     normal = np.cross(*(flat[faces[0]][1:] - flat[faces[0]][0]))
     height = (x[16:18].mean(0) - (x[:2].mean(0) + x[-2:].mean(0)) / 2) @ normal / np.linalg.norm(normal)
     assert sign * height == pytest.approx(
