@@ -60,11 +60,12 @@ def exam(
     from flows.exam_rival import chosen
     from tasks.exam.rivals import library
 
+    spread = _spread(at_once, hours, service=service)
+    beside = chosen(tuple(library.rivals()) if rivals else rival)
     if engine != "own":
         exam_engine.prepare(_say)
-    folder, spread = blind.Folder(out / blind.folder_name(seed, split, engine)), _spread(at_once, hours, service=service)
+    folder = blind.Folder(out / blind.folder_name(seed, split, engine))
     sitting = blind.Exam(folder, cases, seed, split, engine)
-    beside = chosen(tuple(library.rivals()) if rivals else rival)
     result = blind.sit(sitting, rivals=beside, spread=spread, say=_say)
     return _tell(result, folder, seed, json_)
 
@@ -96,15 +97,8 @@ def _spread(count: int, hours: float, *, service: bool) -> Any:
     if not service:
         return blind.in_turn if count == 1 and math.isinf(hours) else blind.at_once(count, hours)
     if not math.isinf(hours):
-        refuse(
-            [
-                Fault(
-                    f"--hours {hours:g}",
-                    "the service's runs have no end by the clock",
-                    "Leave it out, and cancel the run exam when it is to stop",
-                )
-            ]
-        )
+        remedy = "Leave it out, and cancel the run exam when it is to stop"
+        refuse([Fault(f"--hours {hours:g}", "the service's runs have no end by the clock", remedy)])
     from flows.config import load
     from flows.service.examination import over_workers
     from flows.service.server import speak_to_server

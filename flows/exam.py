@@ -343,7 +343,7 @@ def sit(
     attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
     ours = [*entries(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
     attempt["rivals"] = mark_rivals(exam, made, rivals, ours)
-    return entered(exam.split, attempt, scoreboard) if done else result(exam.split, attempt, scoreboard)
+    return (entered if done else result)(exam.split, attempt, scoreboard)
 
 
 def unanswered(tasks: Sequence[Task], of: str, scoreboard: Path) -> list[Task]:

@@ -120,9 +120,11 @@ def sit(
     """
     began, end, done = version(), time.monotonic() + 3600 * hours, []
     known = sat(scoreboard, began, seed, PICTURES) if split == "sealed" else set()
-    for q in questions(count, seed if split == "open" else sealed_seed(seed)):
-        if q.number in known or time.monotonic() >= end:
-            continue
+    wanted = [q for q in questions(count, seed if split == "open" else sealed_seed(seed)) if q.number not in known]
+    for q in wanted:
+        if time.monotonic() >= end:
+            say(f"left for another time: {len(wanted) - len(done)} of {len(wanted)} cases")
+            break
         say(f"{q.actor}: recording")
         make(folder, q)
         say(f"{q.actor}: all stages")
@@ -131,8 +133,7 @@ def sit(
     if split == "sealed" and version() != began:
         raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": seed, "count": count, "engine": PICTURES, "left_out": []}
-    told = entered if done else result
-    return told(split, attempt | {"cases": [mark(folder, q) for q in done], "rivals": {}}, scoreboard)
+    return (entered if done else result)(split, attempt | {"cases": [mark(folder, q) for q in done], "rivals": {}}, scoreboard)
 
 
 def make(folder: Folder, q: Question) -> None:

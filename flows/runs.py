@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ WRITE_EVERY_S = 1.0
 
 @dataclass
 class RunRecord:
-    """One run as it goes. `listen` is told of every change (the progress bars); the file is written at most once a second."""
+    """One run as it goes. `listen` is told of every change (the progress bars); the file is written at most once a second. Any thread may tell."""
 
     root: Path
     actor: str
@@ -33,6 +34,7 @@ class RunRecord:
     stages: dict[str, dict[str, Any]] = field(default_factory=dict)
     error: str | None = None
     _written: float = 0.0
+    _telling: threading.RLock = field(default_factory=threading.RLock, repr=False)
 
     @property
     def file(self) -> Path:
@@ -64,19 +66,20 @@ class RunRecord:
     def say(self, text: str) -> None:
         """One line into the log, and the record to disk."""
         self.log.parent.mkdir(parents=True, exist_ok=True)
-        with self.log.open("a") as log:
+        with self._telling, self.log.open("a") as log:
             log.write(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} {text}\n")
         self.write()
 
     def write(self, *, at_most_every: float = 0.0) -> None:
         """Put the record on disk, whole or not at all."""
-        self.listen(self)
-        if time.time() - self._written < at_most_every:
-            return
-        self._written = time.time()
-        aside = self.file.with_suffix(f".{os.getpid()}.tmp")
-        aside.write_text(json.dumps(self.as_json()))
-        aside.replace(self.file)
+        with self._telling:
+            self.listen(self)
+            if time.time() - self._written < at_most_every:
+                return
+            self._written = time.time()
+            aside = self.file.with_suffix(f".{os.getpid()}.tmp")
+            aside.write_text(json.dumps(self.as_json()))
+            aside.replace(self.file)
 
     def as_json(self) -> dict[str, Any]:
         """Everything but the listener."""

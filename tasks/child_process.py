@@ -131,8 +131,10 @@ class Pool:
     def __init__(self, *, limit_s: float, at_once: int = 2, attempts: int = 3) -> None:
         self.limit_s, self.attempts = limit_s, attempts
         self.reasons: list[str] = []
-        self._threads, self._own = ThreadPoolExecutor(at_once), threading.local()
-        self._processes: list[_Staying] = []
+        self._processes, self._own = [_Staying() for _ in range(at_once)], threading.local()
+        left = iter(self._processes)
+        # each thread has a process of its own, and lasts as long as the pool: a process dies with the thread that began it
+        self._threads = ThreadPoolExecutor(at_once, initializer=lambda: setattr(self._own, "process", next(left)))
 
     def __enter__(self) -> "Pool":
         return self
@@ -156,7 +158,7 @@ class Pool:
     def _computed(self, function: Callable[[Any], Any], item: Any, name: str) -> Any:
         for attempt in range(1, self.attempts + 1):
             try:
-                return self._process().compute(function, item, self.limit_s)
+                return self._own.process.compute(function, item, self.limit_s)
             except (BrokenProcessPool, TimeoutError) as error:
                 slow = isinstance(error, TimeoutError)
                 reason = f"still running after {self.limit_s:.0f} s" if slow else "killed before it had a result"
@@ -164,13 +166,6 @@ class Pool:
                 if attempt == self.attempts:
                     raise (ChildTimedOut if slow else ChildFailed)(self.reasons[-1]) from None
         raise AssertionError("unreachable")
-
-    def _process(self) -> "_Staying":
-        """This thread's own: a process dies with the thread that began it, and each thread lasts as long as the pool."""
-        if not hasattr(self._own, "process"):
-            self._own.process = _Staying()
-            self._processes.append(self._own.process)
-        return self._own.process
 
 
 class _Staying:

@@ -13,7 +13,6 @@ The folder must be shared, with locks (NFS 4); results are plain data (`plain_da
 
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -23,6 +22,7 @@ from storage_schemas.durable import replace_file
 from storage_schemas.faults import Leased
 from storage_schemas.lease import hold
 from tasks.plain_data import as_bytes, digest, from_bytes
+from tasks.side_by_side import side_by_side
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 LEASE_S, POLL_S = 60.0, 0.2
@@ -66,11 +66,7 @@ class SharedMap:
 
     def _compute(self, function: Callable[[Any], Any], missing: list[tuple[Any, Path]]) -> bool:
         """Compute what nobody else is computing, `at_once` side by side; whether there was any."""
-        threads = ThreadPoolExecutor(self.at_once)
-        try:
-            return any(list(threads.map(partial(self._taken, function), missing)))
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)  # what is under way where one failed, or is interrupted, is not waited for
+        return any(side_by_side(partial(self._taken, function), missing, self.at_once))
 
     def _taken(self, function: Callable[[Any], Any], one: tuple[Any, Path]) -> bool:
         """Compute one item, unless somebody else does; whether it is there now."""

@@ -134,9 +134,16 @@ def test_what_is_killed_takes_no_other_with_it(tmp_path):
     assert len(pool.reasons) == 1 and pool.reasons[0].startswith("computation 1 of 2: killed")
 
 
-def test_threads_may_share_a_pool():
-    with Pool(limit_s=60) as pool, ThreadPoolExecutor(3) as threads:
-        assert list(threads.map(lambda n: pool.map(cubed, range(n)), (2, 3, 4))) == [[0, 1], [0, 1, 8], [0, 1, 8, 27]]
+def worked(n):
+    time.sleep(0.2)
+    return n, os.getpid()
+
+
+def test_threads_that_share_a_pool_share_its_processes():
+    with Pool(limit_s=60, at_once=2) as pool, ThreadPoolExecutor(3) as threads:
+        found = list(threads.map(lambda n: pool.map(worked, range(n)), (2, 3, 4)))
+    assert [[n for n, _ in each] for each in found] == [[0, 1], [0, 1, 2], [0, 1, 2, 3]]
+    assert len({pid for each in found for _, pid in each}) == 2
 
 
 def test_a_pool_that_is_interrupted_does_not_wait():

@@ -14,7 +14,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "tasks/stages.lock"
-MACHINERY = {f"tasks.{name}" for name in ("stage", "child_process", "content_digest", "shared_map", "plain_data")}  # decides no number
+MACHINERY = {
+    f"tasks.{name}" for name in ("stage", "child_process", "content_digest", "shared_map", "side_by_side", "plain_data")
+}  # decides no number
 
 
 @cache

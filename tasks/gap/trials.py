@@ -7,7 +7,6 @@ unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a 
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -42,6 +41,7 @@ from tasks.gap.refits import (
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
 from tasks.gap.screening import Screened
 from tasks.gap.verdict import TEMPER, told_apart, twins, with_replays
+from tasks.side_by_side import side_by_side
 
 LEADERS = 3  # contenders that are simulated: fewer would be compared with derivatives of the others
 AGAIN = 4  # further simulations of whichever leads
@@ -72,8 +72,8 @@ class Trials:
         quick: bool,
         abreast: int = 1,
     ) -> None:
-        self.abreast = abreast
-        self.screened, self.first, self.effects, self.run, self.tell, self.quick = screened, first, effects, run, tell, quick
+        self.screened, self.first, self.effects = screened, first, effects
+        self.run, self.tell, self.quick, self.abreast = run, tell, quick, abreast
         self.train = train.only(e.prediction.window for e in screened.evidence)
         self.cosines = confusability(screened.windows, screened.windows.effects)
         self.alike = twins(self.cosines)
@@ -154,11 +154,7 @@ class Trials:
 
     def _all(self, simulated: Callable[[Fitted], Refitted], hypotheses: Sequence[Fitted]) -> None:
         """Simulate hypotheses that do not go by one another."""
-        if self.abreast == 1:
-            found = [simulated(h) for h in hypotheses]
-        else:
-            with ThreadPoolExecutor(self.abreast) as threads:
-                found = list(threads.map(simulated, hypotheses))
+        found = side_by_side(simulated, hypotheses, self.abreast)
         self.after.update(zip((h.name for h in hypotheses), found, strict=True))
 
     def _until_it_stands_still(self) -> None:

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -106,3 +107,13 @@ def test_runs_of_an_object_store_are_found_where_they_are_written(tmp_path, monk
     assert run("cancel", *flag) == 2
     assert "it completed" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["cache"]
+
+
+def test_a_record_may_be_told_from_threads(tmp_path):
+    """All write the same file aside, and one may put it in its place before another does."""
+    record = RunRecord(tmp_path, "ann", "one")
+    with record.stage("gap", "key") as told, ThreadPoolExecutor(8) as threads:
+        for _ in range(3):
+            list(threads.map(lambda n: (told.progress(n / 100, "refit"), record.write()), range(100)))
+        told.warn("done")
+    assert json.loads(record.file.read_text())["stages"]["gap"]["warnings"] == ["done"]
