@@ -14,7 +14,8 @@ Faces = NDArray[np.int32]
 
 def edges(faces: Faces) -> Faces:
     """Undirected edges [E, 2], each once, smaller vertex first, sorted."""
-    return np.unique(np.sort(_half_edges(faces), axis=1), axis=0).astype(np.int32)
+    half, n = np.sort(_half_edges(faces), axis=1).astype(np.int64), int(faces.max(initial=0)) + 1
+    return np.stack(np.divmod(np.unique(half[:, 0] * n + half[:, 1]), n), 1).astype(np.int32)
 
 
 def hinges(faces: Faces) -> Faces:

@@ -1,6 +1,7 @@
 """What is simulated (cloth) and what it meets (collider)."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -76,7 +77,7 @@ class Cloth:
         """A third of the rest area of the faces around each vertex [V] m²."""
         return np.bincount(self.faces.ravel(), np.repeat(self.rest_areas / 3, 3), len(self.x_rest))
 
-    @property
+    @cached_property
     def held_edges(self) -> Indices:
         """Edges between prescribed vertices [J, 2], as places in `boundary`."""
         place = np.full(len(self.x_rest), -1, np.int32)

@@ -45,16 +45,15 @@ class BoxTree:
         number = np.arange(len(elements), dtype=np.int32)
         end[0] = len(elements)
         centres = x_rest[elements].mean(1)
-        for n in range(2**levels - 1):
-            here = number[start[n] : end[n]]
-            middle = len(here) // 2
-            if len(here):
-                axis = int(np.ptp(centres[here], axis=0).argmax())
-                here[:] = here[np.argsort(centres[here, axis], kind="stable")]
-            start[2 * n + 1], end[2 * n + 1] = start[n], start[n] + middle
-            start[2 * n + 2], end[2 * n + 2] = start[n] + middle, end[n]
+        for level in range(levels):
+            n = np.arange(2**level - 1, 2 ** (level + 1) - 1)
+            number = _sorted_along_longest_side(number, start[n], end[n], centres)
+            middle = start[n] + (end[n] - start[n]) // 2
+            start[2 * n + 1], end[2 * n + 1] = start[n], middle
+            start[2 * n + 2], end[2 * n + 2] = middle, end[n]
         free = ~prescribed[elements[number]].all(1)
-        below = np.array([free[a:b].any() for a, b in zip(start, end, strict=True)])
+        count = np.concatenate([[0], np.cumsum(free)])
+        below = count[end] > count[start]
         return cls(np.ascontiguousarray(elements[number], np.int32), number, start, end, free, below)
 
     def boxes(self, low: Array, high: Array) -> tuple[Array, Array]:
@@ -76,6 +75,13 @@ def _meeting(A: BoxTree, boxes_a: tuple[Array, Array], B: BoxTree, boxes_b: tupl
         A.elements, A.start, A.end, A.free, A.free_below, *boxes_a, B.elements, B.start, B.end, B.free, B.free_below, *boxes_b, same
     )
     return np.stack([A.number[place[:, 0]], B.number[place[:, 1]]], 1)
+
+
+def _sorted_along_longest_side(number: Indices, start: Indices, end: Indices, centres: Array) -> Indices:
+    """The elements of each node start:end, all there are, in the order of their centres [P, 3] along the longest side of its box."""
+    c, node = centres[number], np.repeat(np.arange(len(start)), end - start)
+    longest = (np.maximum.reduceat(c, start) - np.minimum.reduceat(c, start)).argmax(1)
+    return number[np.lexsort((c[np.arange(len(c)), longest[node]], node))]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

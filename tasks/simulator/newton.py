@@ -2,14 +2,16 @@
 
 First the prescribed nodes and the collider are carried to their targets *inside* Newton's steps: with Δ the rest of their way,
 H p = −∇P − H_prescribed Δ is the answer of the cloth to first order, and continuous collision detection says how much of (p, Δ) may be
-done. Then plain Newton with backtracking (Armijo) until the residual acceleration √(Σ‖∂P/∂x‖²/m / Σm) is small. How H p is solved:
-`newton_direction.py`.
+done. Then plain Newton with backtracking (Armijo) until the residual acceleration √(Σ‖∂P/∂x‖²/m / Σm) is small. Where a step left little
+of that, the next goes by the same factor, and a new one is made only where such a step does not suffice, or cannot be taken whole. How H p
+is solved: `newton_direction.py`.
 
 Source: Nocedal & Wright, ch. 3; Li et al. 2020 (IPC), §4 for the step bound.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +26,15 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 CONVERGED = "converged"
 STUCK = 5  # advances in a row of less than 2 % of the way that mean there is no way
+SERVES = 0.6  # share of the residual that a step may leave for the last factor to serve once more
+FURTHER = 1e-2  # share of the tolerance at which a step ends where factors serve again: there the last mile is cheap, and rarely overshot
 DONE = 1 - 1e-9  # share of the prescribed motion that counts as all of it
 
 
 @dataclass(frozen=True)
 class Solution:
-    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations and the residual acceleration [m/s²] it ended with.
+    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations (systems factorised) and the residual acceleration
+    [m/s²] it ended with.
 
     collider [C, 3]: where it stands if it was left short of its target.
     """
@@ -142,7 +147,7 @@ def _answer(problem: Problem, x: Array, step: Step, Δb: Array, Δc: Array, dire
 def _relax(problem: Problem, x: Array, step: Step, directions: Directions) -> tuple[Array, int]:
     """A few plain Newton steps with everything prescribed held, so that gaps open again."""
     for iteration in range(3):
-        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step), directions)
+        x, moved, _ = _newton_step(problem, x, step, problem.gradient(x, step), directions, problem.energy(x, step))
         if moved > 0.5:
             return x, iteration + 1
     return x, 3
@@ -150,41 +155,62 @@ def _relax(problem: Problem, x: Array, step: Step, directions: Directions) -> tu
 
 def minimise(problem: Problem, x: Array, step: Step, iterations: int = 0, directions: Directions | None = None) -> Solution:
     """From x [V, 3] where boundary and collider are at their targets already; `iterations` have been spent on that."""
-    directions, energy = directions or problem.directions(), None
+    directions, before = directions or problem.directions(), np.inf
+    tolerance = problem.tolerance * (FURTHER if directions.serve_again else 1)
+    g, energy = problem.gradient(x, step), problem.energy(x, step)
     while True:
-        g = problem.gradient(x, step)
         residual = problem.residual(g)
-        if residual <= problem.tolerance:
+        if residual <= tolerance:
             return Solution(x, CONVERGED, iterations, residual)
         if iterations >= problem.most_iterations:
             return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
-        x_next, share, energy = _newton_step(problem, x, step, g, directions, energy)
-        iterations += 1
-        if share == 0:
-            return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
-        if problem.speed(x_next - x, step) < problem.velocity_tolerance * share:
-            return Solution(x_next, CONVERGED, iterations, residual)
-        x = x_next
+        there = _step_again(problem, x, step, g, directions, energy) if residual < SERVES * before else None
+        if there is None:
+            there = _newton_step(problem, x, step, g, directions, energy)
+            iterations += 1
+            if there.share == 0:
+                return Solution(x, _unfinished(problem, g, residual, iterations), iterations, residual)
+            if problem.speed(there.x - x, step) < problem.velocity_tolerance * there.share:
+                return Solution(there.x, CONVERGED, iterations, residual)
+        g_there = problem.gradient(there.x, step)
+        directions.learn(there.x - x, g_there - g)
+        x, g, energy, before = there.x, g_there, there.energy, residual
 
 
-def _newton_step(
-    problem: Problem, x: Array, step: Step, g: Array, directions: Directions, energy: float | None = None
-) -> tuple[Array, float, float]:
-    """x after one step, the share of it that was taken, and the energy there; `energy`: that at x, if it is known."""
-    p = directions.newton(x, step, g)
+class _Reached(NamedTuple):
+    """x [V, 3] after a step, the share of it that was taken, and the energy there [J]."""
+
+    x: Array
+    share: float
+    energy: float
+
+
+def _newton_step(problem: Problem, x: Array, step: Step, g: Array, directions: Directions, energy: float) -> _Reached:
+    """From x [V, 3], where gradient and energy are these."""
+    return _along(problem, x, step, g, directions.newton(x, step, g), energy)
+
+
+def _step_again(problem: Problem, x: Array, step: Step, g: Array, directions: Directions, energy: float) -> _Reached | None:
+    """The same by the last factor; None where there is none, or the step cannot be taken whole."""
+    p = directions.again(g)
+    there = None if p is None else _along(problem, x, step, g, p, energy)
+    return there if there is not None and there.share == 1 else None
+
+
+def _along(problem: Problem, x: Array, step: Step, g: Array, p: Array, energy: float) -> _Reached:
+    """Along p [V, 3], as far as nothing touches and the energy falls."""
     surface = problem.surface
     X, Y = surface.join(x, step.collider), surface.join(x + p, step.collider)
     share = surface.free_step(X, Y)
     slope = float(np.sum(g * p))
-    energy = problem.energy(x, step) if energy is None else energy
     while share > 1e-8:
         y = x + share * p
         there = problem.energy(y, step)
         # once the promised change drowns in rounding, the energy can no longer judge the step
         if there - energy <= 1e-4 * share * slope or -slope < 1e-11 * abs(energy):
-            return y, share, there
+            return _Reached(y, share, there)
         share /= 2
-    return x, 0.0, energy
+    return _Reached(x, 0.0, energy)
 
 
 def _unfinished(problem: Problem, g: Array, residual: float, iterations: int) -> str:

@@ -13,7 +13,8 @@ class Settings:
     PhysAvatar's code. barrier_distance d̂: cloth is repelled within it. contact_offset: least distance kept between surfaces (thickness).
     contact_acceleration c: strength of the barrier per areal density. barrier "cipc": the original's stiffness rule.
     friction_velocity ε_v: slip below which friction is smoothed.
-    acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it.
+    acceleration_tolerance: a step is done when the residual force per mass, root mean square, is below it (in large systems, below a
+    hundredth of it: newton.py).
     velocity_tolerance: it is also done when Newton's step divided by h, root mean square, is below it (C-IPC's rule, 1e-3; 0: never).
     solver: "exact" (newton.py), or "cipc" (cipc_newton.py: ends where C-IPC would, for comparison only; needs velocity_tolerance).
     newton_iterations: most iterations per step. halvings: how often a step that fails may be halved.

@@ -106,3 +106,18 @@ def test_a_step_that_is_not_finite_goes_nowhere(scene, wild):
     X, Y = surface.join(x, ball), surface.join(x, ball)
     Y[40, 1] = wild
     assert surface.free_step(X, Y) == 0
+
+
+def test_fine_cloth_is_not_a_candidate_of_all_around_it(monkeypatch):
+    """Edges of 3 mm are nearer to their neighbours than the slack of coarser cloth: a quarter of an edge is looked at around a segment."""
+    cloth = Cloth(*sheet(21, 21, length=0.06, width=0.06))
+    surface = ContactSurface(cloth, Collider(np.empty((0, 3), np.int32)), np.empty((0, 3)), barrier_distance=REACH)
+    found, build = [], surface.coming_near
+    monkeypatch.setattr(surface, "coming_near", lambda *of: (found.append(build(*of)), found[-1])[1])
+    X = surface.join(cloth.x_rest, np.empty((0, 3)))
+    surface.prepare(X, X)
+    assert sum(map(len, found[0])) < 12 * len(X)
+    surface.prepare(X, X + np.array([0.0, 0.7e-3, 0.0]))
+    assert len(found) == 1
+    surface.prepare(X, X + np.array([0.0, 0.8e-3, 0.0]))
+    assert len(found) == 2

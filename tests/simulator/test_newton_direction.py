@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings
+from tasks.simulator import NO_COLLIDER, Cloth, Fabric, Settings, newton, newton_direction
 from tasks.simulator.base_model import base_problem
 from tasks.simulator.newton_direction import LADDER, hessians, times
 from tasks.simulator.time_integration import State, known, rule
@@ -100,3 +100,41 @@ def test_convexity_is_taken_back_where_cloth_no_longer_buckles(scene):
     for _ in LADDER:
         p = problem.system.gather(directions.newton(x, step, problem.gradient(x, step)))
     np.testing.assert_allclose(p, dense(problem, step, x)[1], rtol=1e-6, atol=1e-12)
+
+
+def test_a_kept_factor_gives_newton_s_direction_until_something_is_learnt(scene, monkeypatch):
+    """And then one that answers what the gradient did along a step with that very step (the secant equation)."""
+    problem, step, x = scene
+    directions, g = problem.directions(), problem.gradient(x, step)
+    directions.newton(x, step, g)
+    assert directions.again(g) is None  # a small one is cheap
+    monkeypatch.setattr(newton_direction, "LARGE", 0)
+    directions = problem.directions()
+    assert directions.again(g) is None  # there is no factor yet
+    p, asked = directions.newton(x, step, g), counted(problem, monkeypatch)
+    np.testing.assert_allclose(directions.again(g), p, rtol=1e-9, atol=1e-15)
+    for share in (1.0, 0.3):
+        dg = problem.gradient(x + share * p, step) - g
+        directions.learn(share * p, dg)
+        np.testing.assert_allclose(directions.again(-dg), share * p, rtol=1e-6, atol=1e-12)
+    directions.learn(p, -dg)  # no curvature: forgotten
+    np.testing.assert_allclose(directions.again(-dg), share * p, rtol=1e-6, atol=1e-12)
+    assert not asked
+    directions.newton(x, step, g)
+    np.testing.assert_allclose(directions.again(g), p, rtol=1e-9, atol=1e-15)  # a new factor begins anew
+    convex = replace(problem, velocity_tolerance=1e-3).directions()
+    convex.newton(x, step, g)
+    assert convex.again(g) is None
+
+
+def test_factors_that_serve_again_spare_others_and_end_nearer(scene, monkeypatch):
+    """From crumpled cloth, where Newton's own steps leave a third of the residual each."""
+    problem, step, _ = scene
+    n, x = problem.system.free, step.x_n.copy()
+    x[n] += 0.02 * np.random.default_rng(0).normal(size=(len(n), 3))
+    always = newton.minimise(problem, x, step)
+    monkeypatch.setattr(newton_direction, "LARGE", 0)
+    often = newton.minimise(problem, x, step)
+    assert often.converged and always.converged and often.residual < newton.FURTHER * problem.tolerance
+    assert often.iterations < 0.75 * always.iterations
+    assert np.abs(often.x - always.x).max() < 1e-6
