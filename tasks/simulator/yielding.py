@@ -68,6 +68,7 @@ def give_way(
     """
     if not len(faces):
         return collider, Yielded(np.zeros(len(collider)))
+    collider = np.ascontiguousarray(collider)  # else kernels are compiled once more, for strides
     normals, e, held = vertex_normals(collider, faces), edges(faces), _along(pins, held_edges)
     near = np.flatnonzero(cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH)
     under, p = _covered_depth(collider, faces, normals, near, clearance)

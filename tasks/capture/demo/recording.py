@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 STANDARD = Request()
-EDITION = 3  # raise when the same request gives another recording
+EDITION = 4  # raise when the same request gives another recording
 SCALE = "1x"
 FRAMES_PER_PIECE = 3  # of photography: a piece takes seconds, and building its scene a fraction of one
 POLL = 2.0  # [s] between looks at how many frames are simulated
