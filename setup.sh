@@ -35,3 +35,4 @@ pip install -c constraints.txt torch==2.13.0
 pip install -c constraints.txt -e '.[demo,dev]'
 pip install -c constraints.txt --no-deps rtmlib==0.0.16
 "$venv/bin/python" -m compileall -q flows tasks storage_schemas || true
+"$venv/bin/python" -m tasks.compiled_kernels   # a minute and a half of one core, which the first run would spend otherwise
