@@ -20,8 +20,10 @@ from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
 from tasks.effects.internal_friction import InternalFriction
+from tasks.effects.pattern_edges import hinge_spans
 from tasks.effects.stencil_levers import lever
-from tasks.simulator.hinge_bending import angle_gradients, angle_hessians, angles, hinge_shape
+from tasks.geometry.meshes import edge_lengths
+from tasks.simulator.hinge_bending import angle_gradients, angle_hessians, angles
 from tasks.simulator.potential import Array, Blocks, Potential
 
 BUILD_UP = 5.0  # κ_c [1/m]
@@ -33,9 +35,8 @@ class BendingFriction(InternalFriction):
     def __init__(self, subject: Subject, name: str, strength: float) -> None:
         cloth = subject.cloth
         self.hinges = cloth.hinges
-        length = np.linalg.norm(cloth.x_rest[self.hinges[:, 1]] - cloth.x_rest[self.hinges[:, 0]], axis=1)
-        span = 3 * length / hinge_shape(cloth)  # (Ā₁ + Ā₂)/|ē|: θ = κ · span
-        super().__init__(name, strength, subject.fabric.areal_density * length, BUILD_UP * span)
+        length = edge_lengths(cloth.x_rest, self.hinges[:, :2])
+        super().__init__(name, strength, subject.fabric.areal_density * length, BUILD_UP * hinge_spans(cloth))
 
     @override
     def deformation(self, x: Array) -> Array:

@@ -16,7 +16,7 @@ from typing_extensions import override
 
 from tasks.effects.effect import Effect, Strength, Subject
 from tasks.effects.further_mass import FurtherMass
-from tasks.geometry.meshes import boundary_edges
+from tasks.geometry.meshes import boundary_edges, edge_lengths
 from tasks.simulator import Cloth
 from tasks.simulator.potential import Array, Potential
 
@@ -39,7 +39,7 @@ def _border(cloth: Cloth) -> Array:
     """Length [V] m of free border that belongs to each vertex."""
     edges = boundary_edges(cloth.faces)
     edges = edges[~np.isin(edges, cloth.boundary).all(1)]
-    length = np.linalg.norm(cloth.x_rest[edges[:, 1]] - cloth.x_rest[edges[:, 0]], axis=1)
+    length = edge_lengths(cloth.x_rest, edges)
     return np.bincount(edges.ravel(), np.repeat(length / 2, 2), len(cloth.x_rest))
 
 

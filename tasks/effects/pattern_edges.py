@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tasks.geometry.meshes import edge_lengths
 from tasks.simulator import Cloth
 from tasks.simulator.hinge_bending import hinge_shape
 from tasks.simulator.potential import Array
@@ -21,5 +22,5 @@ def edges_in_pattern(cloth: Cloth) -> Array:
 
 def hinge_spans(cloth: Cloth) -> Array:
     """(Ā₁ + Ā₂)/|ē| [H] m: the angle of a hinge on a cylinder of curvature κ about its edge is κ times this."""
-    length = np.linalg.norm(cloth.x_rest[cloth.hinges[:, 1]] - cloth.x_rest[cloth.hinges[:, 0]], axis=1)
+    length = edge_lengths(cloth.x_rest, cloth.hinges[:, :2])
     return 3 * length / hinge_shape(cloth)

@@ -1,9 +1,10 @@
-"""Probes: effects simulated at a strength that shows, where derivatives at strength zero led to no name.
+"""Probes: effects simulated at a strength that shows, for what derivatives at strength zero do not tell.
 
-What a strong cause does is not what its derivative foretells: to cloth five times softer one way than the other an isotropic base fits the
-mean, and the slope there may point nowhere; air that weighs five times what the cloth does makes it another fabric; a body that is three
-frames late strikes cloth that it is not beside now. So what acts through forces or moves what drives the cloth is simulated at `PROBED`
-typical strengths, either way where it has two, in the `FEW` windows that the base misfits most, and ranks by
+What a strong cause does is not what its derivative foretells: what rings without damping is gone with it, and the derivative about the
+ringing says nothing of that; to cloth five times softer one way than the other an isotropic base fits the mean, and the slope there may
+point nowhere; air that weighs five times what the cloth does makes it another fabric; a body that is three frames late strikes cloth that
+it is not beside now. So what acts through forces or moves what drives the cloth is simulated at `PROBED` typical strengths, either way where
+it has two, in the `FEW` windows that the base (or the leading cause, for a second one beside it) misfits most, and ranks by
 
     ⟨log(J_w/J_w^base)⟩_w        J_w: misfit with start and base parameters marginalised by the base's derivatives; the mean of logarithms, for a window
                                  that kinks would outvote the others
@@ -16,12 +17,13 @@ component alone; from the base's states, which a body in another place has to pu
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_refit import BaseFit
 from tasks.cloth.joint_refit import refit_jointly
 from tasks.cloth.nuisances import Prior, state_names, without_state
 from tasks.cloth.shooting import Job, Map
@@ -30,8 +32,7 @@ from tasks.cloth.windows import Prediction, marginalised, normals, predict
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs
-from tasks.gap.hypotheses import BASE_SPREAD, Fitted
-from tasks.gap.screening import Screened
+from tasks.gap.hypotheses import BASE_SPREAD
 from tasks.gap.verdict import Twins, told_apart
 
 Array = NDArray[np.float64]
@@ -39,37 +40,44 @@ Array = NDArray[np.float64]
 PROBED = 2.0  # typical strengths
 FEW = 3  # windows
 STARTING = 12  # modes of their starts
-BEST = 2  # effects that are proposed
 ITERATIONS = 5  # of the fit of base and strength together
-NEARER = 0.1  # mean logarithm of J_w^base/J_w from which one is
+NEARER = 0.04  # mean logarithm of J_w^base/J_w from which one is
 
 
-def probed(screened: Screened, data: Gathered, effects: Sequence[Effect], alike: Twins, run: Map) -> list[tuple[Fitted, Model]]:
-    """Those of these effects that are worth a simulation, the nearest first, of twins one, and the model in whose fabric they are."""
-    prior, model = screened.base.prior, screened.base.model
-    worst = sorted(screened.evidence, key=lambda e: -without_state(e.normals, prior).c / e.normals.n)[:FEW]
-    todo = _jobs(model, data.only(e.prediction.window for e in worst))
+@dataclass(frozen=True)
+class Probe:
+    """An effect at strengths [K], and how much nearer it comes: the mean logarithm above."""
+
+    effect: Effect
+    strengths: Array
+    nearer: float
+
+
+def probed(about: BaseFit, data: Gathered, effects: Sequence[Effect], alike: Twins, run: Map) -> list[Probe]:
+    """Those of these effects that come nearer than a fit on windows of `data`, the nearest first, of twins one."""
+    worst = sorted(about.evidence, key=lambda e: -without_state(e.normals, about.prior).c / e.normals.n)[:FEW]
+    todo = _jobs(about.model, data.only(e.prediction.window for e in worst))
     asked = list(_strengths(effects))
     base = list(run(_followed, todo))
-    found = list(run(_predicted, [replace(job, model=model.joined([e], {e.name: θ})) for job in todo for e, θ in asked]))
+    found = list(run(_predicted, [replace(job, model=about.model.joined([e], {e.name: θ})) for job in todo for e, θ in asked]))
     each = [found[k : k + len(asked)] for k in range(0, len(found), len(asked))]
-    nearer = np.mean([_nearer(job, b, own, prior) for job, b, own in zip(todo, base, each, strict=True)], 0)
-    best: dict[Effect, Array] = {}
+    nearer = np.mean([_nearer(job, b, own, about.prior) for job, b, own in zip(todo, base, each, strict=True)], 0)
+    chosen: list[Probe] = []
     for k in np.argsort(-nearer):
         effect, θ = asked[k]
-        if nearer[k] > NEARER and told_apart(effect.name, (e.name for e in best), alike):
-            best[effect] = θ
-    return [_fitted(screened, data, e, θ, run) for e, θ in list(best.items())[:BEST]]
+        if nearer[k] > NEARER and told_apart(effect.name, (other.effect.name for other in chosen), alike):
+            chosen.append(Probe(effect, θ, float(nearer[k])))
+    return chosen
 
 
-def _fitted(screened: Screened, data: Gathered, effect: Effect, θ: Array, run: Map) -> tuple[Fitted, Model]:
-    """The hypothesis where base and strength come to rest from there, and the model."""
-    model = screened.base.model.joined([], {effect.name: θ})
-    todo = [replace(job, offsets=e.offsets) for job, e in zip(_jobs(model, data), screened.evidence, strict=True)]
-    effects = (*model.effects, effect)  # with what the base has already
-    found = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
-    h = next(h for h in screened.hypotheses if h.name == effect.name)
-    return replace(h, base=np.zeros_like(h.base), strengths=found.by_column([effect])), found
+def at_rest(about: BaseFit, data: Gathered, probe: Probe, run: Map) -> Model:
+    """The model where fabric and all strengths come to rest from there."""
+    effect = probe.effect
+    model = about.model.joined([], {effect.name: probe.strengths})
+    jobs = _jobs(model, data.only(e.prediction.window for e in about.evidence))
+    todo = [replace(job, offsets=e.offsets) for job, e in zip(jobs, about.evidence, strict=True)]
+    effects = (*model.effects, effect)  # with what the fit has already
+    return refit_jointly(replace(about, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
 
 
 def _jobs(model: Model, data: Gathered) -> list[Job]:

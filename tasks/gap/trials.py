@@ -1,33 +1,36 @@
 """Trials: the leading hypotheses simulated and replayed, until the strength of the one that leads stands still.
 
-Derivatives about the refitted base propose; what counts is each hypothesis about its own simulation. The leader is simulated again where
-its strength moved, from where it stands, and part of the way where the whole step makes it weigh less; and where it leaves much
-unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is, too, that observed lengths ask for
-(`observed_lengths.py`). Where even so much is left, effects at strengths that show are asked too (`probes.py`).
+Derivatives about the refitted base propose, and effects at strengths that show (`probes.py`); what counts is each hypothesis about its own
+simulation. The leader is simulated again where its strength moved, from where it stands, and part of the way where the whole step makes it
+weigh less; and where it leaves much unexplained, once in a fabric that is fitted afresh with it (`afresh.py`), as a scale is, too, that
+observed lengths ask for (`observed_lengths.py`). Second causes beside the leader are proposed in both ways as well.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tasks.cloth.base_parameters import moved, with_fabric
+from tasks.cloth.base_refit import BaseFit
 from tasks.cloth.shooting import Map
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.afresh import afresh
 from tasks.gap.confusability import confusability
-from tasks.gap.gathered import Gathered
+from tasks.gap.gathered import Gathered, restarted
 from tasks.gap.held_out import floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
-from tasks.gap.probes import probed
+from tasks.gap.probes import Probe, at_rest, probed
 from tasks.gap.refits import (
     Refitted,
     as_simulated,
     by_contact,
     by_length,
     contenders,
+    corrected_model,
     foretold_beside,
     least_worth,
     moved_on,
@@ -50,7 +53,9 @@ PROMISING = 1.0  # log Bayes factor by replays, foretold, from which a first sim
 SECOND = 3.0  # log Bayes factor, foretold, from which a second effect is simulated beside the leader: one of thirty, and rarer than a first
 SECONDS = 2  # of these that are: derivatives do not tell a tilt beside drag from a wind in it
 DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader in the model,
-UNSURE = 0.3  # and from which effects are probed at fair strengths
+HARDLY = 0.1  # and from which a second cause is probed beside the leader
+PROPOSED, HALF = 3, 0.5  # effects at most that come nearest at strengths that show, and the share of the nearest's gain that they have,
+UNSURE = 0.3  # and the doubt from which as many again are simulated, whatever they gain
 
 
 class Trials:
@@ -126,9 +131,7 @@ class Trials:
         return {} if self._told is None else {h.name: foretold(h, self._told, self.replayed) for h in self.screened.hypotheses}
 
     def settle(self) -> None:
-        """Simulate the contenders, then whichever leads until it stands still, a second cause beside it, and what probes propose where all
-        that leaves much.
-        """
+        """Simulate the contenders and what probes propose, then whichever leads until it stands still, and a second cause beside it."""
         scaled = by_length(self.screened, self.train)
         by_derivatives = {h.name: h for h in self.screened.hypotheses}
         seen = scaled + by_contact(self.screened, self.train, self.effects, self.alike)
@@ -143,14 +146,23 @@ class Trials:
             return self.simulate(whole[h.name][0] if together else h)
 
         self._all(tried, contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise))
+        probes = [] if self.quick else self._probed(self._base, self.train, self.effects)
+        self._from_probes(near(probes))
         self._until_it_stands_still()
         if not self.quick:
-            leader = self.leader.name
-            self._with_seconds()
-            if self.doubt(self.pairs()) > UNSURE:
-                self._probe()
-                if self.leader.name != leader:
-                    self._with_seconds()
+            self._beside_and_beyond(probes)
+
+    def _beside_and_beyond(self, probes: Sequence[Probe]) -> None:
+        """Simulate second causes beside the leader, and further probes where even so much is left."""
+        leader = self.leader.name
+        self._with_seconds()
+        if self.doubt(self.pairs()) > HARDLY:
+            self._with_probed_seconds()
+        if self.doubt(self.pairs()) > UNSURE:
+            self._from_probes(self._unknown(probes)[:PROPOSED])
+            if self.leader.name != leader:
+                self._until_it_stands_still()
+                self._with_seconds()
 
     def _all(self, simulated: Callable[[Fitted], Refitted], hypotheses: Sequence[Fitted]) -> None:
         """Simulate hypotheses that do not go by one another."""
@@ -197,16 +209,43 @@ class Trials:
         """Evidence with what replays say in it."""
         return with_replays(self.replayed.something_missing, self.vetoed)(h)
 
-    def _probe(self) -> None:
-        """Simulate what fair strengths propose, derivatives having proposed nothing that leaves little."""
-        known = {*self.after, *(n for pair in self.alike if pair & set(self.after) for n in pair)}
-        before = self.leader.name
+    @property
+    def _base(self) -> BaseFit:
+        """The refitted base in the windows that it could follow."""
+        return replace(self.screened.base, evidence=self.screened.evidence)
+
+    def _probed(self, about: BaseFit, data: Gathered, effects: Sequence[Effect]) -> list[Probe]:
         self.tell("probes")
-        found = probed(self.screened, self.train, [e for e in self.effects if e.name not in known], self.alike, self.run)
-        about = {h.name: model for h, model in found}
-        self._all(lambda h: self.simulate(h, about[h.name]), [h for h, _ in found])
-        if self.leader.name != before:
-            self._until_it_stands_still()
+        return probed(about, data, effects, self.alike, self.run)
+
+    def _from_probes(self, probes: Sequence[Probe]) -> None:
+        """Simulate those of which no derivative's strength was, from where base and strength come to rest."""
+        about = {p.effect.name: at_rest(self._base, self.train, p, self.run) for p in self._unknown(probes)}
+        hypotheses = [at_strengths_of(h, about[h.name]) for h in self.screened.hypotheses if h.name in about]
+        self._all(lambda h: self.simulate(h, about[h.name]), hypotheses)
+
+    def _unknown(self, probes: Sequence[Probe]) -> list[Probe]:
+        """Those of effects of which neither they nor a twin was simulated."""
+        return [probe for probe in probes if told_apart(probe.effect.name, self.after, self.alike)]
+
+    def _with_probed_seconds(self) -> None:
+        """Simulate second effects that come nearest beside the leader at strengths that show, where none was by derivatives."""
+        first = self.after.get(self.leader.name)
+        if first is None or first.windows is None:
+            return
+        followed = tuple(e for e in first.evidence if e.prediction.complete)
+        about = replace(self._base, model=corrected_model(first), evidence=followed)
+        data = restarted(about.model, self.train, self.run)
+        pairs = {pair.effects[1].name: pair for pair in self.pairs()}
+        known = [first.hypothesis.name, *(second for second, pair in pairs.items() if pair.name in self.after)]
+        probes = self._probed(about, data, [e for e in self.effects if e.name in pairs and told_apart(e.name, known, self.alike)])
+        models = {pairs[p.effect.name].name: at_rest(about, data, p, self.run) for p in near(probes)[:SECONDS]}
+        asked = [at_strengths_of(pair, models[pair.name]) for pair in pairs.values() if pair.name in models]
+        self._all(lambda pair: self._moved_once(self.simulate(pair, models[pair.name])), asked)
+
+    def _moved_once(self, found: Refitted) -> Refitted:
+        """Simulated once more where its strengths moved."""
+        return self._further(found) if found.windows is not None and strengths_moved(found) else found
 
     def _with_seconds(self) -> None:
         """Simulate the likeliest second effects beside the leader, of those that windows and whole recordings together promise; of twins one."""
@@ -219,11 +258,7 @@ class Trials:
             if promise[pair.name] > SECOND and len(chosen) < SECONDS and told_apart(second, chosen, self.alike):
                 chosen[second] = both if support > PROMISING else pair
 
-        def tried(pair: Fitted) -> Refitted:
-            found = self.simulate(pair, first.model)
-            return self._further(found) if found.windows is not None and strengths_moved(found) else found
-
-        self._all(tried, list(chosen.values()))
+        self._all(lambda pair: self._moved_once(self.simulate(pair, first.model)), list(chosen.values()))
 
     def _afresh(self, hypothesis: Fitted) -> Refitted:
         """Simulated in the fabric that is found with it in the model from the first round on."""
@@ -247,3 +282,13 @@ class Trials:
         simulated = next((self.after[name] for name in (best.name, *(e.name for e in best.effects[:1])) if self._stands(name)), None)
         left = self.replayed if simulated is None or not np.isfinite(simulated.replayed.gap) else simulated.replayed
         return unexplained(self.screened, best, simulated, floor_mm(self.screened.evidence, self.train.recordings), left.ratio2)
+
+
+def near(probes: Sequence[Probe]) -> list[Probe]:
+    """Those that gain nearly as much as the nearest."""
+    return [probe for probe in probes[:PROPOSED] if probe.nearer > HALF * probes[0].nearer]
+
+
+def at_strengths_of(hypothesis: Fitted, model: Model) -> Fitted:
+    """The hypothesis at the strengths that a model has, in whose fabric."""
+    return replace(hypothesis, base=np.zeros_like(hypothesis.base), strengths=model.by_column(hypothesis.effects))

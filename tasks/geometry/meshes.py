@@ -18,6 +18,11 @@ def edges(faces: Faces) -> Faces:
     return np.stack(np.divmod(np.unique(half[:, 0] * n + half[:, 1]), n), 1).astype(np.int32)
 
 
+def edge_lengths(vertices: Array, edges: Faces) -> Array:
+    """Lengths [E] m of edges [E, 2] between vertices [V, 3] m."""
+    return np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+
+
 def hinges(faces: Faces) -> Faces:
     """Interior edges with their opposite corners [H, 4] = (a, b, c, d): face (a, b, c) on one side, face (b, a, d) on the other."""
     half, opposite = _half_edges(faces), np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])

@@ -14,7 +14,7 @@ import ipctk
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.geometry.meshes import edges
+from tasks.geometry.meshes import edge_lengths, edges
 from tasks.simulator.additive_ccd import free_share, nearer_than
 from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.near_pairs import BoxTree, near_pairs
@@ -24,8 +24,8 @@ Pairs = tuple[NDArray[np.int32], NDArray[np.int32]]  # of edges [N, 2], of a fac
 KEPT = 0.1  # share of the gap that a step leaves
 LEAST = 1e-9  # [m] that gaps keep: where they are as small as rounding, what has crossed cannot be told
 LEAP = 16.0  # barrier distances of a long segment that are looked at first
-SLACK = 4.0  # barrier distances around a segment for which its candidates hold as well; no more than a quarter of the cloth's median edge,
-# for what is as near as that to everything around it has too many: 89 candidates a vertex for 7 with edges of 6.3 mm
+SLACK = 4.0  # barrier distances around a segment for which its candidates hold as well, but no more than
+WITHIN = 0.25  # of the cloth's median edge: else cloth with edges of 6.3 mm has 89 candidates a vertex, not 7
 
 
 class ContactSurface:
@@ -59,8 +59,8 @@ class ContactSurface:
         self.contact_areas = np.array([self.mesh.vertex_area(i) for i in range(len(rest))])
         vertices = np.arange(len(rest), dtype=np.int32)[:, None]
         self._trees = [BoxTree.of(elements, rest, prescribed) for elements in (self.edges, self.faces, vertices)]
-        lengths = np.linalg.norm(np.diff(cloth.x_rest[edges(cloth.faces)], axis=1)[:, 0], axis=1)
-        self._slack = min(SLACK * barrier_distance, float(np.median(lengths)) / 4)
+        own = self.edges[self.edges[:, 1] < self.cloth_size]
+        self._slack = min(SLACK * barrier_distance, WITHIN * float(np.median(edge_lengths(cloth.x_rest, own))))
         self._candidates: Pairs | None = None
         self._region = (np.empty((0, 3)), np.empty((0, 3)))
         self._near: tuple[Array, ipctk.NormalCollisions] | None = None

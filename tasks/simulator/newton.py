@@ -33,8 +33,8 @@ DONE = 1 - 1e-9  # share of the prescribed motion that counts as all of it
 
 @dataclass(frozen=True)
 class Solution:
-    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations (systems factorised) and the residual acceleration
-    [m/s²] it ended with.
+    """x [V, 3], how the step ended ("converged" or a reason), the Newton iterations (further steps on a factor that served before
+    are not counted) and the residual acceleration [m/s²] it ended with.
 
     collider [C, 3]: where it stands if it was left short of its target.
     """

@@ -23,11 +23,6 @@ REFERENCE_EDGE = 0.024  # [m] the mesh on which σ was chosen
 _EQUILATERAL = np.sqrt(3) / 6  # area per edge over squared edge length
 
 
-def lengths(vertices: Array, edges: NDArray[np.integer]) -> Array:
-    """Edge lengths [..., E] m of vertices [..., V, 3]."""
-    return np.linalg.norm(vertices[..., edges[:, 1], :] - vertices[..., edges[:, 0], :], axis=-1)
-
-
 def weights(vertices: Array, faces: NDArray[np.integer], edges: NDArray[np.integer], *, sigma: float) -> Array:
     """w_e [E] for a strain of `sigma`: a third of the area of the faces beside the edge, over A_ref, over σ²."""
     third = np.repeat(face_areas(vertices, faces) / 3, 3)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.geometry.meshes import edge_lengths, face_areas
 from tasks.geometry.meshes import edges as mesh_edges
-from tasks.geometry.meshes import face_areas
 from tasks.geometry.meshes import hinges as mesh_hinges
 from tasks.geometry.parts import SKIN
 from tasks.tracking import blocks, isometry, normal_consistency
@@ -62,7 +62,7 @@ def surface(template: Array, faces: NDArray[np.integer], part: NDArray[np.str_],
         hinges=hinges,
         barycentric=centroids_of_parts(settings.subdivision),
         layer=(np.asarray(part) != SKIN).astype(np.int8),
-        mean_edge=float(isometry.lengths(template, edges).mean()),
+        mean_edge=float(edge_lengths(template, edges).mean()),
         mean_face=float(face_areas(template, faces).mean()),
         pattern=blocks.pattern(len(template), faces, edges, hinges),
     )
@@ -81,13 +81,13 @@ def shape(surface: Surface, template: Array, prediction: Array | None, start: Ar
 
     Where all corners have a predicted place [V, 3] m (else NaN): the predicted lengths, normals and anchors instead.
     """
-    rest = isometry.lengths(template, surface.edges)
+    rest = edge_lengths(template, surface.edges)
     bend = np.zeros((len(surface.hinges), 3))
     if prediction is None:
         return Shape(rest, bend, start, np.full(len(start), settings.sigma_inertia**-2))
     known = np.isfinite(prediction).all(1)
     anchor = np.where(known[:, None], prediction, start)
     edge, hinge = known[surface.edges].all(1), known[surface.hinges].all(1)
-    rest[edge] = isometry.lengths(anchor, surface.edges[edge])
+    rest[edge] = edge_lengths(anchor, surface.edges[edge])
     bend[hinge] = normal_consistency.normal_difference(anchor, surface.hinges[hinge])
     return Shape(rest, bend, anchor, np.where(known, settings.sigma_prediction, settings.sigma_inertia) ** -2.0)

@@ -34,11 +34,8 @@ def put(monkeypatch):
         t.screened.hypotheses = tuple(
             replace(h, weights=(replace(h.weights[0], likelihood=weigh.get(h.name, -4.0), prior=0.0),)) for h in t.screened.hypotheses
         )
-        t.screened.prior, t.screened.evidence, t.screened.base = (
-            PRIOR,
-            _simulated(np.random.default_rng(0), base),
-            SimpleNamespace(model="none", prior=PRIOR),
-        )
+        t.screened.prior, t.screened.evidence = PRIOR, _simulated(np.random.default_rng(0), base)
+        t.screened.base = replace(t.screened.base, model="none", prior=PRIOR)
         t.alike, t.train = alike, SimpleNamespace(recordings=())
         t.windows = t.screened.evidence
         t.settle()

@@ -1,7 +1,6 @@
 """Effects simulated at a strength that shows: the one that was left out comes nearest, and where nothing was, nobody does."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +15,8 @@ from tasks.cloth.windows import marginalised, normals, predict, windows
 from tasks.effects.library import library
 from tasks.gap import probes
 from tasks.gap.gathered import Gathered, jobs
-from tasks.gap.hypotheses import BASE_SPREAD, Fitted
-from tasks.gap.probes import FEW, PROBED, STARTING, probed
+from tasks.gap.hypotheses import BASE_SPREAD
+from tasks.gap.probes import FEW, PROBED, STARTING, Probe, at_rest, probed
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -25,13 +24,10 @@ NAMES = ("air_normal_drag", "fabric_bending_damping", "fabric_density_gradient",
 EFFECTS = tuple(library()[name] for name in NAMES)
 
 
-def screened(model, data):
-    """As much of the screening as probes ask for."""
-    prior = Prior(NOISE, 0.03)
+def fitted(model, data):
+    """A fit that found the model."""
     evidence = tuple(map(follow, jobs(model, data, smooth_modes(model.subject.cloth, STARTING))))
-    C = np.eye(2)
-    hypotheses = tuple(Fitted((e,), np.ones(2), C, dict.fromkeys(e.columns, 0.0), np.eye(len(e.columns)), np.zeros(1), ()) for e in EFFECTS)
-    return SimpleNamespace(base=BaseFit(model, C, prior, evidence, (), "converged"), evidence=evidence, hypotheses=hypotheses)
+    return BaseFit(model, np.eye(2), Prior(NOISE, 0.03), evidence, (), "converged")
 
 
 @pytest.fixture(scope="module")
@@ -43,26 +39,35 @@ def panels():
     y = np.stack([f.x for f in dragged.run(recording.motion, x[0], v[0])])
     slowed = replace(recording, observed=y + NOISE * np.random.default_rng(1).standard_normal(y.shape))
     each = [Gathered((r,), (states(model, r.motion, r.observed, NOISE),), tuple(windows([r], FPS))) for r in (recording, slowed)]
-    return [(screened(model, data), data) for data in each]
+    return [(fitted(model, data), data) for data in each]
 
 
-def test_what_was_left_out_is_proposed_where_it_comes_to_rest_with_the_base(panels):
+def test_what_was_left_out_comes_to_rest_where_it_was_with_the_base(panels):
     _, (found, data) = panels
-    (first, model), *_ = probed(found, data, EFFECTS, frozenset(), map)
-    assert first.name == "air_normal_drag" and not first.base.any()
-    (θ,) = first.strengths.values()
-    assert θ == pytest.approx(20.0, rel=0.1) and θ == model.strength(EFFECTS[0])[0]
-    fabric = found.base.model.subject.fabric
+    nearest, *_ = probed(found, data, EFFECTS, frozenset(), map)
+    assert nearest.effect.name == "air_normal_drag"
+    model = at_rest(found, data, nearest, map)
+    assert model.strength(EFFECTS[0]) == pytest.approx(20.0, rel=0.1)
+    fabric = found.model.subject.fabric
     assert 0.3 < model.subject.fabric.bending / fabric.bending < 3 and model.subject.fabric != fabric
+
+
+def test_beside_a_leader_the_strengths_of_both_come_to_rest(panels):
+    """The leader's is kept in the model, and fitted again."""
+    _, (found, data) = panels
+    drag, damping = EFFECTS[:2]
+    leading = replace(found.model, effects=(damping,), strengths={damping.name: np.array([0.03])})
+    model = at_rest(fitted(leading, data), data, Probe(drag, np.array([16.0]), 1.0), map)
+    assert [e.name for e in model.effects] == [damping.name, drag.name]
+    assert model.strength(drag) == pytest.approx(20.0, rel=0.1) and model.strength(damping) < 0.03 / 2  # there is none
 
 
 def test_of_twins_one_is_proposed(panels, monkeypatch):
     _, (found, data) = panels
     monkeypatch.setattr(probes, "_nearer", lambda job, base, found, prior: np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
-    monkeypatch.setattr(probes, "_fitted", lambda screened, data, effect, θ, run: effect.name)
     twins = frozenset({frozenset(NAMES[:2])})
-    for alike, proposed in ((frozenset(), NAMES[:2]), (twins, NAMES[0:3:2])):
-        assert probed(found, data, EFFECTS, alike, map) == [*proposed]
+    for alike, proposed in ((frozenset(), NAMES[:3]), (twins, NAMES[0:3:2])):
+        assert [probe.effect.name for probe in probed(found, data, EFFECTS, alike, map)] == [*proposed]
 
 
 def test_where_nothing_is_missing_nothing_is_proposed(panels):
@@ -75,7 +80,7 @@ def test_only_the_worst_windows_are_simulated_with_what_moves_cloth_either_way(p
     asked = []
     monkeypatch.setattr(probes, "_predicted", lambda job: asked.append((job.window, *job.model.strengths.items())))
     assert probed(found, data, EFFECTS, frozenset(), map) == []  # none could be simulated
-    worst = sorted(found.evidence, key=lambda e: -without_state(e.normals, found.base.prior).c / e.normals.n)[:FEW]
+    worst = sorted(found.evidence, key=lambda e: -without_state(e.normals, found.prior).c / e.normals.n)[:FEW]
     assert [w for w, *_ in asked] == [e.prediction.window for e in worst for _ in range(6)]
     moving = (*EFFECTS[:3], EFFECTS[2], EFFECTS[3], EFFECTS[3])
     assert [(name, float(*θ)) for _, (name, θ) in asked[:6]] == [
@@ -86,7 +91,7 @@ def test_only_the_worst_windows_are_simulated_with_what_moves_cloth_either_way(p
 def test_a_probe_is_as_near_as_its_own_normal_equations_say(panels):
     """One column of coefficient one, against the window weighed anew."""
     _, (found, data) = panels
-    model, prior = found.base.model, found.base.prior
+    model, prior = found.model, found.prior
     job = jobs(model, data, smooth_modes(model.subject.cloth, STARTING))[2]
     base = probes._followed(job)
     other = predict(model.joined([EFFECTS[0]], {NAMES[0]: np.array([16.0])}), job.recording, job.window, job.states).x

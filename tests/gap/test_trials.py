@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tasks.cloth.base_refit import BaseFit
 from tasks.gap import trials
+from tasks.gap.probes import Probe
 from tasks.gap.refits import Refitted
-from tasks.gap.trials import AGAIN, Trials
+from tasks.gap.trials import AGAIN, PROPOSED, Trials
 from tasks.gap.verdict import TEMPER
 from tests.gap.test_hypotheses import EFFECTS, windows
 
@@ -22,20 +24,32 @@ class Rehearsed(Trials):
     def __init__(self, monkeypatch, *, doubt, finds, quick=False, abreast=1):
         w = windows(np.random.default_rng(0), truth={FRICTION: 0.3})
         hypotheses = tuple(sorted((w.fit([e]) for e in EFFECTS), key=lambda h: -h.evidence))
-        self.screened = SimpleNamespace(hypotheses=hypotheses)
+        base = BaseFit(SimpleNamespace(name="base"), np.eye(2), None, (), (), "converged")
+        self.screened = SimpleNamespace(hypotheses=hypotheses, base=base, evidence=())
         self.train, self.effects, self.run, self.tell, self.quick, self.abreast = None, EFFECTS, map, print, quick, abreast
         self.first = SimpleNamespace(name="first")
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
         self.promised, self.proposed, self.probed, self.scaled, self._asked_afresh = {}, [], [], [], set()
         self.asked, self.finds, self.windows, self.seconds = [], finds, (), ()
+        self.gains, self.beside = np.ones(20), []
         self.left, self.left_with_second = doubt, doubt
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])
         monkeypatch.setattr(trials, "by_length", lambda *_: self.scaled)
         monkeypatch.setattr(trials, "afresh", lambda screened, first, train, hypothesis, run: (hypothesis, first))
-        monkeypatch.setattr(
-            trials, "probed", lambda screened, train, effects, alike, run: self.probed.append([e.name for e in effects]) or self.proposed
-        )
+        monkeypatch.setattr(trials, "probed", self._asked)
+        monkeypatch.setattr(trials, "corrected_model", lambda named: SimpleNamespace(name="corrected"))
+        monkeypatch.setattr(trials, "restarted", lambda model, data, run: data)
+        monkeypatch.setattr(trials, "at_rest", self._at_rest)
+
+    def _asked(self, about, data, effects, alike, run):
+        proposed = self.beside if getattr(about.model, "name", "") == "corrected" else self.proposed
+        gains = zip((h.effects[-1] for h in proposed), self.gains, strict=False)
+        return [Probe(e, e.typical, g) for e, g in gains if e in effects]
+
+    def _at_rest(self, about, data, probe, run):
+        self.probed.append(probe.effect.name)
+        return SimpleNamespace(name=f"probed {about.model.name}", by_column=lambda effects: {c: 0.3 for e in effects for c in e.columns})
 
     def simulate(self, hypothesis, start=None):
         origin = getattr(start, "name", "base")
@@ -172,21 +186,33 @@ def test_where_it_leaves_much_it_starts_once_from_the_first_fabric_and_the_bette
     assert t.leader.evidence == (15.0 if better else 12.0)
 
 
-@pytest.mark.parametrize(("doubt", "quick"), [(0.9, False), (0.4, False), (0.1, False), (0.9, True)])
-def test_where_all_that_leaves_much_what_probes_propose_is_simulated(monkeypatch, doubt, quick):
-    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, {FRICTION: 5.0, "gravity_tilt": 9.0}.get(name, 1.0)), quick=quick)
-    t.alike = frozenset({frozenset({FRICTION, "fabric_mass_damping"})})
-    t.proposed = [(h, SimpleNamespace(name="probed")) for h in t.screened.hypotheses if h.name == "gravity_tilt"]
+@pytest.mark.parametrize("quick", [False, True])
+def test_what_comes_nearest_at_strengths_that_show_is_simulated_before_anything_leads(monkeypatch, quick):
+    """Derivatives about no damping asked for none of it (open case): drag led, and explained enough not to be doubted."""
+    t = Rehearsed(monkeypatch, doubt=0.1, finds=lambda name, _: (0.3, {FRICTION: 5.0, "gravity_tilt": 9.0}.get(name, 1.0)), quick=quick)
+    t.proposed = [h for h in t.screened.hypotheses if h.name in ("gravity_tilt", FRICTION)]
     t.settle()
-    if doubt < 0.3 or quick:
-        assert not t.probed and t.leader.name == FRICTION
-        return
-    (asked,) = t.probed
-    assert FRICTION not in asked and "fabric_mass_damping" not in asked and "gravity_tilt" in asked  # not what was simulated, nor its twin
-    assert t.leader.name == "gravity_tilt"
-    afresh = doubt > 0.5
-    assert [origin for name, origin in t.asked if name == "gravity_tilt"][:2] == ["probed", "first" if afresh else "probed+"]
-    assert [origin for name, origin in t.asked if name == FRICTION].count("first") == afresh
+    assert t.probed == ([] if quick else ["gravity_tilt"])  # friction was simulated where derivatives led
+    assert t.leader.name == (FRICTION if quick else "gravity_tilt")
+    assert [origin for name, origin in t.asked if name == "gravity_tilt"] == ([] if quick else ["probed base"])
+
+
+@pytest.mark.parametrize(("doubt", "simulated"), [(0.1, 1), (0.4, 2), (0.9, 2)])
+def test_where_all_that_leaves_much_as_many_again_are_simulated(monkeypatch, doubt, simulated):
+    monkeypatch.setattr(trials, "PROPOSED", 1)
+    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, _: (0.3, 20.0 if name == FRICTION else 1.0))
+    t.proposed = [h for h in t.screened.hypotheses if h.name != FRICTION]
+    t.alike = frozenset({frozenset({FRICTION, t.proposed[1].name})})
+    t.settle()
+    assert t.probed == [t.proposed[k].name for k in (0, 2)[:simulated]]  # the second is a twin of what was simulated
+
+
+def test_probes_that_gain_far_less_than_the_nearest_wait(monkeypatch):
+    t = Rehearsed(monkeypatch, doubt=0.1, finds=lambda name, _: (0.3, 20.0 if name == FRICTION else 1.0))
+    t.proposed = [h for h in t.screened.hypotheses if h.name != FRICTION][:3]
+    t.gains = [1.0, 0.6, 0.4]
+    t.settle()
+    assert t.probed == [h.name for h in t.proposed[:2]]
 
 
 @pytest.mark.parametrize(("weighs", "doubt", "origins"), [(2.0, 0.1, ["base"]), (2.0, 0.9, ["first"]), (0.5, 0.1, [])])
@@ -203,8 +229,9 @@ def test_what_leads_once_another_has_fallen_is_simulated_if_it_is_worth_that(mon
 
 def test_a_leader_that_probes_leave_in_place_is_not_simulated_again(monkeypatch):
     t = Rehearsed(monkeypatch, doubt=0.9, finds=restless())
+    t.proposed = [h for h in t.screened.hypotheses if h.name != FRICTION]
     t.settle()
-    assert t.probed and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN
+    assert len(t.probed) > PROPOSED and sum(name == FRICTION for name, _ in t.asked) == 1 + AGAIN
 
 
 @pytest.mark.parametrize("quick", [False, True])
@@ -263,9 +290,10 @@ def test_probes_are_asked_where_a_second_effect_leaves_much_too(monkeypatch, lef
     t = Rehearsed(monkeypatch, doubt=0.9, finds=lambda name, _: (0.3, 20.0 if name == FRICTION else 1.0))
     monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (pair, 0.0))
     t.seconds, t.left_with_second = (beside_friction(t, 5.0),), left
+    t.proposed = [h for h in t.screened.hypotheses if h.name != FRICTION]
     t.settle()
-    assert t.asked[-1][0] == t.seconds[0].name and [name for name, _ in t.asked].count(t.seconds[0].name) == 1
-    assert bool(t.probed) == (left > 0.5)
+    assert [name for name, _ in t.asked].count(t.seconds[0].name) == 1
+    assert (len(t.probed) > PROPOSED) == (left > 0.5)
 
 
 @pytest.mark.parametrize(
@@ -287,6 +315,22 @@ def test_a_second_effect_is_simulated_where_windows_and_replays_together_promise
     assert (both.name in t.after) == simulated
     if simulated:
         assert (told[both.name] == 7.0) == (promised > 0)
+
+
+@pytest.mark.parametrize(("doubt", "quick"), [(0.2, False), (0.05, False), (0.2, True)])
+def test_where_a_leader_leaves_something_second_causes_are_probed_beside_it(monkeypatch, doubt, quick):
+    """Derivatives about no damping say nothing of it beside a wind either."""
+    t = Rehearsed(monkeypatch, doubt=doubt, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0), quick=quick)
+    names = [e.name for e in EFFECTS if e.name != FRICTION]
+    t.seconds = tuple(beside_friction(t, 5.0 if k == 0 else 1.0, name) for k, name in enumerate(names))
+    t.alike = frozenset({frozenset(names[:2])})
+    monkeypatch.setattr(trials, "foretold_beside", lambda first, pair: (pair, 0.0))
+    t.beside, t.left_with_second = t.seconds, doubt
+    t.settle()
+    probed = doubt > trials.HARDLY and not quick
+    assert t.probed == (names[2:4] if probed else [])  # the first was simulated by derivatives, the second is its twin
+    origins = {name: [o for n, o in t.asked if n == f"{FRICTION} + {name}"] for name in names[2:4]}
+    assert origins == {name: ["probed corrected"] if probed else [] for name in names[2:4]}
 
 
 def test_two_second_effects_are_simulated_of_twins_one(monkeypatch):

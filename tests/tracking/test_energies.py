@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.geometry.meshes import edges, hinges
+from tasks.geometry.meshes import edge_lengths, edges, hinges
 from tasks.geometry.rotations import matrix_from_axis_angle
 from tasks.tracking import isometry, normal_consistency
 from tests.tracking.skirt import cone
@@ -29,7 +29,7 @@ def test_shape_terms_see_no_rigid_motion():
     E, h = edges(faces), hinges(faces)
     R = matrix_from_axis_angle(np.array([0.3, -1.1, 0.4]))
     moved = x @ R.T + [0.2, -0.1, 0.5]
-    rest, weight = isometry.lengths(x, E), isometry.weights(x, faces, E, sigma=0.01)
+    rest, weight = edge_lengths(x, E), isometry.weights(x, faces, E, sigma=0.01)
     assert isometry.derivatives(moved, E, rest, weight)[0] == pytest.approx(0, abs=1e-20)
     still, turned = (normal_consistency.derivatives(y, h, np.zeros((len(h), 3)), weight=1.0)[0] for y in (x, moved))
     assert turned == pytest.approx(still) and still.sum() > 0.1
@@ -47,7 +47,7 @@ def test_gradient_by_differences(term):
     x, faces = cone(8, 4)
     x = x + 0.01 * np.random.default_rng(0).standard_normal(x.shape)
     E, h = edges(faces), hinges(faces)
-    rest, target = isometry.lengths(x, E) * 1.05, np.full((len(h), 3), 0.1)
+    rest, target = edge_lengths(x, E) * 1.05, np.full((len(h), 3), 0.1)
 
     def energy(y):
         if term == "iso":
@@ -69,6 +69,6 @@ def test_iso_energy_of_a_given_strain_does_not_depend_on_the_mesh():
         a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
         faces = np.concatenate([np.column_stack([a, a + 1, a + n + 1]), np.column_stack([a + 1, a + n + 2, a + n + 1])]).astype(np.int32)
         E = edges(faces)
-        return isometry.derivatives(x * [1.02, 1.0, 1.0], E, isometry.lengths(x, E), isometry.weights(x, faces, E, sigma=0.01))[0].sum()
+        return isometry.derivatives(x * [1.02, 1.0, 1.0], E, edge_lengths(x, E), isometry.weights(x, faces, E, sigma=0.01))[0].sum()
 
     assert energy(40) == pytest.approx(energy(10), rel=1e-9)
