@@ -87,9 +87,10 @@ def sentence(found: Diagnosis) -> str:
         return f"{start}; no effect of the library {found} (probability {v.probability:.0%})."
     if v.kind == "outside_library":
         return f"{start}; no effect of the library explains it (probability {v.probability:.0%})."
-    cause = " and ".join(c[0] if len(c) == 1 else f"one of {', '.join(c)}" for c in v.classes)
+    names = ", and ".join(" or ".join(c) for c in v.classes)
+    causes = f"the cause is {names}" if len(v.classes) == 1 else f"the causes are {names}"
     start += f"; {v.reason}, so of what is left" if v.reason else ";"
-    return f"{start} the cause is {cause} (probability {v.probability:.0%}){_closing(gap)}."
+    return f"{start} {causes} (probability {v.probability:.0%}){_closing(gap)}."
 
 
 def _likelier(v: Verdict) -> str:

@@ -74,8 +74,8 @@ def at_rest(about: BaseFit, data: Gathered, probe: Probe, run: Map) -> Model:
     """The model where fabric and all strengths come to rest from there."""
     effect = probe.effect
     model = about.model.joined([], {effect.name: probe.strengths})
-    jobs = _jobs(model, data.only(e.prediction.window for e in about.evidence))
-    todo = [replace(job, offsets=e.offsets) for job, e in zip(jobs, about.evidence, strict=True)]
+    plain = _jobs(model, data.only(e.prediction.window for e in about.evidence))
+    todo = [replace(job, offsets=e.offsets) for job, e in zip(plain, about.evidence, strict=True)]
     effects = (*model.effects, effect)  # with what the fit has already
     return refit_jointly(replace(about, model=model), todo, effects, noise=data.noise, iterations=ITERATIONS, run=run).model
 

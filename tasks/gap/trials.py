@@ -147,7 +147,7 @@ class Trials:
 
         self._all(tried, contenders(self.screened.hypotheses, seen, LEADERS, self.alike, missing, promise))
         probes = [] if self.quick else self._probed(self._base, self.train, self.effects)
-        self._from_probes(near(probes))
+        self._from_probes(self._unknown(near(probes)))
         self._until_it_stands_still()
         if not self.quick:
             self._beside_and_beyond(probes)
@@ -219,8 +219,8 @@ class Trials:
         return probed(about, data, effects, self.alike, self.run)
 
     def _from_probes(self, probes: Sequence[Probe]) -> None:
-        """Simulate those of which no derivative's strength was, from where base and strength come to rest."""
-        about = {p.effect.name: at_rest(self._base, self.train, p, self.run) for p in self._unknown(probes)}
+        """Simulate them from where base and strength come to rest."""
+        about = {p.effect.name: at_rest(self._base, self.train, p, self.run) for p in probes}
         hypotheses = [at_strengths_of(h, about[h.name]) for h in self.screened.hypotheses if h.name in about]
         self._all(lambda h: self.simulate(h, about[h.name]), hypotheses)
 

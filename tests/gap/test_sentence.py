@@ -30,6 +30,19 @@ def test_a_name_that_takes_the_place_of_another_says_so():
     assert "; friction leads, but no, so of what is left the cause is drag (probability 70%); with it" in told[1]
 
 
+@pytest.mark.parametrize(
+    ("classes", "words"),
+    [
+        ((("drag", "damping"),), "the cause is drag or damping (probability"),
+        ((("drag", "damping"), ("tilt",)), "the causes are drag or damping, and tilt (probability"),
+    ],
+)
+def test_two_causes_are_told_from_two_names_of_one(classes, words):
+    """Of a pair it had said "the cause is one of drag, damping and tilt"."""
+    gap = Shrinkage(10.0, 3.0, 1.0, 0.9, 0.8, 1.0, True)
+    assert words in sentence(SimpleNamespace(verdict=Verdict("effect", object(), classes, 0.7, ()), shrinkage=gap))
+
+
 def test_a_single_window_kept_out_has_a_share_without_an_interval():
     gap = Shrinkage(10.0, 3.0, 1.0, 0.9, None, None, True)
     told = sentence(SimpleNamespace(verdict=Verdict("effect", object(), (("drag",),), 0.7, ()), shrinkage=gap))
