@@ -254,7 +254,7 @@ def _jobs(scene: Scene, fabric: Fabric, length_s: float | None = None) -> tuple[
     recording = Recording(scene.collider, Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
     if scene.settings.yield_collider:
         recording = with_yielded_collider(recording, model)
-    known = states(model, recording.motion, recording.observed, _noise(scene))
+    known = states(model, recording.motion.given_way, recording.observed, _noise(scene))
     cut = windows([recording], scene.fps, length_s or longest_s([recording], scene.fps, FEWEST))
     if known.ending != CONVERGED:
         cut = [w for w in cut if w.start < len(known.x)]

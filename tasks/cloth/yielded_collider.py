@@ -3,7 +3,7 @@
 A single simulation lets the collider give way as it goes. Many simulations of the same windows must all meet the same collider, or their
 differences would mean nothing; so it gives way beforehand, to the cloth as it was seen, and the simulations then take it as it is. Where
 the cloth will be, nobody has seen (a prediction), it gives way wherever it pinches itself. An effect that moves the collider can close what
-was open: so it gives way as it is once the model's effects have moved it, and what it gave way by is taken off the recorded one.
+was open: so it gives way as it is once the model's effects have moved it, and what it gave way by is kept beside the recorded one.
 """
 
 from dataclasses import replace
@@ -33,11 +33,11 @@ def yielded_everywhere(recording: Recording, model: Model) -> Recording:
 
 def _yielded(recording: Recording, model: Model, near: Array) -> Motion:
     """The motion with the collider drawn in wherever it is, as driven, close to points `near` [T, N, 3] m."""
-    motion, faces, settings = recording.motion, recording.collider.faces, model.settings
+    motion, faces, settings = replace(recording.motion, yielded=None), recording.collider.faces, model.settings
     if not len(faces):
         return motion
     clearance, driven = 2 * settings.barrier_distance + settings.contact_offset, recording.scene(model).driven(motion)
     each = zip(driven.collider, near, driven.boundary, strict=True)
     held = model.subject.cloth.held_edges
     drawn = np.stack([give_way(c, faces, cloth=x, pins=pins, clearance=clearance, held_edges=held)[0] for c, x, pins in each])
-    return Motion(motion.collider + (drawn - driven.collider), motion.boundary)
+    return replace(motion, yielded=drawn - driven.collider)

@@ -48,14 +48,22 @@ class Subject:
 
 @dataclass(frozen=True)
 class Motion:
-    """What drives the cloth: collider [T, C, 3] m and boundary nodes [T, B, 3] m."""
+    """What drives the cloth: collider [T, C, 3] m and boundary nodes [T, B, 3] m; yielded [T, C, 3] m: by what the collider has given way
+    (`cloth/yielded_collider.py`) where effects have moved it, which is not at the same time where they make it late.
+    """
 
     collider: Array
     boundary: Array
+    yielded: Array | None = None
+
+    @property
+    def given_way(self) -> "Motion":
+        """The same with a collider that has."""
+        return self if self.yielded is None else Motion(self.collider + self.yielded, self.boundary)
 
     def cut(self, frames: slice) -> "Motion":
         """Some of the frames."""
-        return Motion(self.collider[frames], self.boundary[frames])
+        return Motion(self.collider[frames], self.boundary[frames], None if self.yielded is None else self.yielded[frames])
 
 
 @dataclass(frozen=True)

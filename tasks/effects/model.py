@@ -103,7 +103,7 @@ class Model:
 
     def drive(self, motion: Motion, *, columns: bool = False) -> Drive:
         """What a recorded motion drives the cloth by; columns: with the derivatives of all effects that act through it."""
-        return Drive(self.driven(motion), motion.collider[0], self._motion_modes(motion) if columns else {})
+        return Drive(self.driven(motion), motion.given_way.collider[0], self._motion_modes(motion) if columns else {})
 
     def driven(self, motion: Motion) -> Motion:
         """What drives the cloth in truth, if the effects are right and `motion` is what was recorded of it."""
@@ -166,9 +166,10 @@ class Model:
         return replace(self.subject, fabric=fabric)
 
     def _driven(self, subject: Subject, motion: Motion) -> Motion:
+        yielded = motion.yielded
         for effect in self.effects:
             motion = effect.motion(subject, motion, self.strength(effect))
-        return motion
+        return replace(motion, yielded=yielded).given_way
 
     def _sums(self) -> dict[str, tuple[str, ...]]:
         """column -> parameters of the simulator, for effects that act through potentials or fabric."""

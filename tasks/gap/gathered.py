@@ -116,8 +116,8 @@ def restarted(model: Model, data: Gathered, run: Map = map, φ: Array | None = N
 def _anew(job: tuple[Model, Recording]) -> tuple[Recording, States]:
     """States, and the collider drawn in again only where the model's effects move it."""
     model, recording = job
-    as_driven = recording.scene(model).driven(recording.motion).collider
-    return (recording, _restate(job)) if np.array_equal(as_driven, recording.motion.collider) else _states(job)
+    as_driven, as_recorded = recording.scene(model).driven(recording.motion).collider, recording.motion.given_way.collider
+    return (recording, _restate(job)) if np.array_equal(as_driven, as_recorded) else _states(job)
 
 
 def _where_longer(data: Gathered, walked: Sequence[States], recordings: Sequence[Recording]) -> Gathered:

@@ -35,7 +35,7 @@ class NextMotion:
 
 def next_motions(recording: Recording, x0: Array, v0: Array, frames: int, fps: float) -> list[NextMotion]:
     """All of `frames` frames, or fewer where the recording is too short for them. x0 [V, 3] m, v0 [V, 3] m/s: how the cloth starts in it."""
-    motion, there = recording.motion, partial(_there_and_back, frames, fps)
+    motion, there = recording.motion.given_way, partial(_there_and_back, frames, fps)
     axis = x0.mean(0) * (1, 0, 1)
     half_turn = partial(_moved, turn=np.array([np.pi]), shift=np.zeros((1, 3)), axis=axis)
     found = [

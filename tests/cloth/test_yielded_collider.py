@@ -16,7 +16,7 @@ from tests.cloth.test_contact_sagitta import FPS, tube
 from tests.simulator.scenes import sheet
 
 RADIUS, GAP = 0.05, 0.012
-OFFSET = library()["body_offset"]
+OFFSET, DELAY = library()["body_offset"], library()["observation_delay"]
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def limbs():
     )
 
 
-def buried(model, recording):
+def buried(model, recording, frame=0):
     """How many of the collider's middle vertices lie in the other limb, as the model drives it."""
-    c = recording.scene(model).driven(recording.motion).collider[0]
+    c = recording.scene(model).driven(recording.motion).collider[frame]
     middle = np.abs(c[:, 2]) < 0.1
     half = len(c) // 2
     faces = recording.collider.faces[: len(recording.collider.faces) // 2]
@@ -47,7 +47,7 @@ def buried(model, recording):
 
 def test_limbs_that_are_apart_stay_as_they_were_recorded(limbs):
     model, recording = limbs
-    np.testing.assert_array_equal(with_yielded_collider(recording, model).motion.collider, recording.motion.collider)
+    np.testing.assert_array_equal(with_yielded_collider(recording, model).motion.given_way.collider, recording.motion.collider)
 
 
 @pytest.mark.parametrize("yielded", [with_yielded_collider, yielded_everywhere])
@@ -56,5 +56,33 @@ def test_limbs_that_an_effect_makes_thicker_do_not_grow_into_one_another(limbs, 
     thick = replace(model, effects=(OFFSET,), strengths={OFFSET.name: np.array([0.01])})
     assert buried(thick, recording) > 0
     assert buried(thick, yielded(recording, thick)) == 0
-    far = np.abs(yielded(recording, thick).motion.collider[0] - recording.motion.collider[0]).max(1) == 0
+    far = np.abs(yielded(recording, thick).motion.yielded[0]).max(1) == 0
     assert far.mean() > 0.5  # what touches nothing stays
+
+
+@pytest.mark.parametrize("yielded", [with_yielded_collider, yielded_everywhere])
+def test_limbs_that_touch_for_a_moment_give_way_when_a_late_garment_meets_that_moment(limbs, yielded):
+    """By what they gave way two frames before or after, one would still be in the other, and skin that touches nothing drawn in."""
+    model, recording = limbs
+    T, touch, late = 8, 3, 2
+    path = np.repeat(recording.motion.collider[:1], T, 0)
+    half = path.shape[1] // 2
+    path[touch, half:, 0] -= 2 * GAP
+    still = replace(
+        recording, motion=Motion(path, np.repeat(recording.motion.boundary[:1], T, 0)), observed=np.repeat(recording.observed[:1], T, 0)
+    )
+    delayed = replace(model, effects=(DELAY,), strengths={DELAY.name: np.array([late / FPS])})
+    assert buried(delayed, still, touch + late) > 0
+    found = yielded(still, delayed)
+    assert [buried(delayed, found, t) for t in range(T)] == [0] * T
+    assert [bool(depth.any()) for depth in found.motion.yielded] == [t == touch + late for t in range(T)]
+
+
+def test_what_a_collider_gave_way_by_to_another_model_is_not_added(limbs):
+    model, recording = limbs
+    thick = replace(model, effects=(OFFSET,), strengths={OFFSET.name: np.array([0.01])})
+    once = with_yielded_collider(recording, model)
+    np.testing.assert_array_equal(
+        with_yielded_collider(with_yielded_collider(once, thick), thick).motion.yielded, with_yielded_collider(once, thick).motion.yielded
+    )
+    np.testing.assert_array_equal(with_yielded_collider(with_yielded_collider(once, thick), model).motion.yielded, once.motion.yielded)

@@ -121,7 +121,7 @@ def _started(job: tuple[Model, Recording]) -> Started:
     model, recording = job
     recording = with_yielded_collider(recording, model)
     first = recording.cut(slice(0, FRAMES))
-    return recording, states(recording.scene(model), first.motion, first.observed, float(np.median(first.noise)))
+    return recording, states(recording.scene(model), first.motion.given_way, first.observed, float(np.median(first.noise)))
 
 
 def _motion(job: tuple[Model, Recording, States]) -> Array:
