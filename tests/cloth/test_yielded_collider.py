@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth import windowed_fit
+from tasks.cloth.start_state import States
 from tasks.cloth.windows import Recording
 from tasks.cloth.yielded_collider import with_yielded_collider, yielded_everywhere
 from tasks.effects.effect import Motion, Subject
@@ -13,6 +15,7 @@ from tasks.effects.model import Model
 from tasks.geometry.distances import inside
 from tasks.simulator import Cloth, Collider, Fabric, Settings
 from tests.cloth.test_contact_sagitta import FPS, tube
+from tests.cloth.test_gauss_newton import TRUTH, panel
 from tests.simulator.scenes import sheet
 
 RADIUS, GAP = 0.05, 0.012
@@ -86,3 +89,27 @@ def test_what_a_collider_gave_way_by_to_another_model_is_not_added(limbs):
         with_yielded_collider(with_yielded_collider(once, thick), thick).motion.yielded, with_yielded_collider(once, thick).motion.yielded
     )
     np.testing.assert_array_equal(with_yielded_collider(with_yielded_collider(once, thick), model).motion.yielded, once.motion.yielded)
+
+
+def test_some_frames_of_a_collider_give_way_as_they_did(limbs):
+    model, recording = limbs
+    found = with_yielded_collider(recording, replace(model, effects=(OFFSET,), strengths={OFFSET.name: np.array([0.01])})).motion
+    np.testing.assert_array_equal(found.cut(slice(1, 2)).given_way.collider, found.given_way.collider[1:2])
+
+
+def test_a_fabric_is_fitted_before_the_body_as_it_gave_way(monkeypatch):
+    scene = panel(3, frames=8)
+    scene = replace(scene, collider=Collider(np.array([[0, 1, 2]], np.int32)), collider_motion=np.tile(np.eye(3) - 9.0, (8, 1, 1)))
+    met = []
+
+    def gave_way(recording, model):
+        return replace(recording, motion=replace(recording.motion, yielded=np.full((8, 3, 3), 0.01)))
+
+    def walked(model, motion, observed, noise):
+        met.append(motion.collider)
+        return States(observed[:1], observed[:1], "no further")
+
+    monkeypatch.setattr(windowed_fit, "with_yielded_collider", gave_way)
+    monkeypatch.setattr(windowed_fit, "states", walked)
+    windowed_fit._jobs(replace(scene, settings=replace(scene.settings, yield_collider=True)), TRUTH)
+    np.testing.assert_array_equal(met, [scene.collider_motion + 0.01])

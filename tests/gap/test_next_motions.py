@@ -35,6 +35,15 @@ def test_all_but_the_other_way_begin_where_the_recording_begins(recorded):
             np.testing.assert_array_equal(m.x0, recorded.observed[0])
 
 
+def test_they_begin_before_the_body_as_it_gave_way(recorded):
+    yielded = np.full_like(recorded.motion.collider, 0.01)
+    gave = replace(recorded, motion=replace(recorded.motion, yielded=yielded))
+    for said, m in by_name(gave, 20).items():
+        assert m.motion.yielded is None
+        if "facing" not in said:
+            np.testing.assert_allclose(m.motion.collider[0], recorded.motion.collider[0] + 0.01, atol=1e-12)
+
+
 def test_other_speeds_pass_the_same_places_and_start_as_fast(recorded):
     found, path = by_name(recorded, 25), recorded.motion.collider
     fast, slow = found["the same motion at twice the speed"], found["the same motion at half the speed"]
