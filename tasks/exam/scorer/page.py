@@ -10,7 +10,7 @@ from tasks.exam.scorer.summary import confusion
 
 STYLE = (
     "body{font:15px/1.45 system-ui;margin:2rem;max-width:75rem}table{border-collapse:collapse;margin:1rem 0}"
-    "td,th{padding:.15rem .6rem;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right}td:first-child{white-space:nowrap}"
+    "td,th{padding:.15rem .4rem;text-align:left;border-bottom:1px solid #ddd}td.n{text-align:right}td:first-child{white-space:nowrap}"
     ".m td{text-align:center;font-size:12px}.m th{font-size:12px;font-weight:400}.m thead th{writing-mode:vertical-rl;transform:rotate(180deg)}"
 )
 
