@@ -10,7 +10,6 @@ ratio (the secant equation of Dennis & Moré 1977 along the step).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +68,7 @@ def refit(
             break
         tried_model = with_fabric(model, fabric)
         tried = list(run(follow, [replace(job, model=tried_model) for job in jobs]))
-        if gain(now, tried, partial(_loss, prior=prior)) > 0:
+        if nearer_by(now, tried, prior) > 0:
             met = [then for before, then in zip(now, tried, strict=True) if before.prediction.complete]
             stretch = stretch_of(A, g, summed(weighed(met, prior), PARAMETERS)[1], step)
             model, now, damping = tried_model, tried, DAMPING[0]
@@ -95,6 +94,11 @@ def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evi
     if not both or not all(then.prediction.complete for _, then in both):
         return -np.inf
     return sum(loss(before) - loss(then) for before, then in both)
+
+
+def nearer_by(now: Sequence[Evidence], tried: Sequence[Evidence], prior: Prior) -> float:
+    """The same of the base's own loss, start states and forcing marginalised."""
+    return gain(now, tried, lambda e: unscaled_loss(without_nuisances(e.normals, prior)))
 
 
 def stretch_of(A: Array, g: Array, after: Array, step: Array) -> float:
@@ -137,10 +141,6 @@ def summed(normals: Sequence[Normals], names: Sequence[str]) -> tuple[Array, Arr
         A += n.G[np.ix_(i, i)]
         g += n.g[i]
     return A, g
-
-
-def _loss(of: Evidence, prior: Prior) -> float:
-    return unscaled_loss(without_nuisances(of.normals, prior))
 
 
 def _row(fabric: Fabric, now: Sequence[Evidence], prior: Prior) -> dict[str, float]:

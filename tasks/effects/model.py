@@ -74,7 +74,7 @@ class Model:
         fabric or motion (of the last, those that `drive` has). What acts on the observation is differentiated by `observed_tangents`. Reruns
         on another mesh give its vertices, the given ones first.
         """
-        subject, settings, terms = self._dressed(), self.settings, []
+        subject, settings, terms = self.dressed(), self.settings, []
         for effect in self.effects:
             θ = self.strength(effect)
             settings = effect.settings(settings, θ)
@@ -101,13 +101,20 @@ class Model:
         )
         return (_with_columns(frame, sums, parameters) for frame in frames)
 
+    def dressed(self) -> Subject:
+        """The subject in the fabric that the effects make of its own."""
+        fabric = self.subject.fabric
+        for effect in self.effects:
+            fabric = effect.fabric(fabric, self.strength(effect))
+        return replace(self.subject, fabric=fabric)
+
     def drive(self, motion: Motion, *, columns: bool = False) -> Drive:
         """What a recorded motion drives the cloth by; columns: with the derivatives of all effects that act through it."""
         return Drive(self.driven(motion), motion.given_way.collider[0], self._motion_modes(motion) if columns else {})
 
     def driven(self, motion: Motion) -> Motion:
         """What drives the cloth in truth, if the effects are right and `motion` is what was recorded of it."""
-        return self._driven(self._dressed(), motion)
+        return self._driven(self.dressed(), motion)
 
     def observed(self, x: Array) -> Array:
         """What the tracker reports [T, V, 3] m of cloth at x [T, V, 3] m."""
@@ -157,13 +164,6 @@ class Model:
             return dx
         δ = 1e-3 / size  # [m] of motion
         return (self.observed(x + δ * dx) - self.observed(x - δ * dx)) / (2 * δ)
-
-    def _dressed(self) -> Subject:
-        """The subject in the fabric that the effects make of its own."""
-        fabric = self.subject.fabric
-        for effect in self.effects:
-            fabric = effect.fabric(fabric, self.strength(effect))
-        return replace(self.subject, fabric=fabric)
 
     def _driven(self, subject: Subject, motion: Motion) -> Motion:
         yielded = motion.yielded

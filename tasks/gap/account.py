@@ -81,7 +81,7 @@ def account(found: Diagnosis, recordings: Sequence[Recording]) -> Account:
     linear = s.windows.fit(named.effects) if named else None  # about the base, as the windows' columns are
     mean, deviation = nameless_acceleration(s.windows, s.windows.base, smooth_modes(found.base.subject.cloth, MODES))
     return Account(
-        items=budget(s, named),
+        items=budget(s, named, [h for c in found.verdict.ranking if c.fitted for h in (c.fitted, *c.others)]),
         residual_mm=residual,
         missing=np.sqrt(np.mean(np.sum(mean**2, -1), 0)),
         deviation=np.sqrt(np.mean(np.sum(deviation**2, -1), 0)),

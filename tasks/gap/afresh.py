@@ -6,7 +6,7 @@ was fitted with a twenty-sixth of its κ_s/ρ and with κ_b at its bound, and st
 are gone through once more with the cause in the model (`cloth/joint_refit.py`): a few short windows, from which a fabric far off finds
 back, then all that are compared. There: 3.3 %, κ_b 1.04 times the truth, κ_s a third of it, for something else was missing too.
 
-Limits: begins at the strength that was found about the base, and in its states.
+Limits: begins at the strength that was found about the base.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from tasks.cloth.shooting import Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import SHORT_S, Window
 from tasks.effects.model import Model
-from tasks.gap.gathered import Gathered, jobs
+from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.screening import FINAL, ITERATIONS, ROUGH, Screened
 
@@ -36,7 +36,8 @@ def afresh(screened: Screened, first: Model, data: Gathered, hypothesis: Fitted,
     offsets = {e.prediction.window: e.offsets for e in screened.evidence}
     for windows, iterations in ((_few_short(data, model.subject.fps), ITERATIONS), (data, FINAL)):
         φ = smooth_modes(model.subject.cloth, STARTING)
-        todo = [replace(job, recording=job.recording.forgetful, offsets=offsets.get(job.window, {})) for job in jobs(model, windows, φ)]
+        found = jobs(model, restarted(model, windows, run), φ)
+        todo = [replace(job, recording=job.recording.forgetful, offsets=offsets.get(job.window, {})) for job in found]
         model = refit_jointly(replace(screened.base, model=model), todo, effects, noise=data.noise, iterations=iterations, run=run).model
     return replace(hypothesis, base=np.zeros_like(hypothesis.base), strengths=model.by_column(hypothesis.effects)), model
 

@@ -22,7 +22,7 @@ def predicted(model: Model, recording: Recording) -> Array:
     first = recording.cut(slice(0, GIVEN))
     noise = float(np.median(first.noise))
     drive = model.drive(recording.motion)
-    found = states(replace(model, effects=(), strengths={}), drive.motion.cut(slice(0, GIVEN)), first.observed, noise)
+    found = states(_unwatched(model), drive.motion.cut(slice(0, GIVEN)), first.observed, noise)
     seen, _ = filled(first.observed, subject.cloth.faces)
     x0 = found.x[0] if len(found.x) else seen[0]
     v0 = np.zeros_like(x0)
@@ -33,6 +33,11 @@ def predicted(model: Model, recording: Recording) -> Array:
     fine = replace(model, settings=settings, subject=replace(subject, fps=subject.fps * n))
     x = np.stack([f.x for f in fine.run_along(drive.each(lambda motion: smooth(motion, n)), x0, v0)][::n])
     return model.observed(x)
+
+
+def _unwatched(model: Model) -> Model:
+    """The model without what its tracker does to cloth in time: two frames do not tell what to take back."""
+    return replace(model, effects=tuple(e for e in model.effects if "observe" not in e.acts_through))
 
 
 def held(x: NDArray[np.floating], frames: int) -> NDArray[np.floating]:

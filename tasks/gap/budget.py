@@ -7,6 +7,7 @@ Limits: the first bar begins where the rough refit on a few windows ends (`scree
 windows followed, and with the start states' prior of that moment, which may be wider than the final one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,7 +16,7 @@ from tasks.gap.hypotheses import Fitted
 from tasks.gap.screening import Screened
 from tasks.gap.shapley import misfit_taken
 
-Part = Literal["base", "numerics", "effect", "refit", "unexplained", "noise"]
+Part = Literal["base", "numerics", "effect", "unexplained", "noise"]
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,10 @@ class Item:
     misfit: float
 
 
-def budget(screened: Screened, named: Fitted | None) -> tuple[Item, ...]:
-    """From the base before its refit on all windows down to the noise; `named` after its refit with the simulator, or None."""
+def budget(screened: Screened, named: Fitted | None, simulated: Sequence[Fitted] = ()) -> tuple[Item, ...]:
+    """From the base before its refit on all windows down to the noise; `named` after its refit with the simulator, or None; simulated: other
+    hypotheses that were.
+    """
     w = screened.windows
     count = sum(n.n for n in w.normals)
     start = screened.base.history[0]["misfit"]
@@ -39,9 +42,7 @@ def budget(screened: Screened, named: Fitted | None) -> tuple[Item, ...]:
     items = [Item("base refit", "base", start - numerics - based), Item("numerics", "numerics", numerics)]
     rest = w.base.misfits.sum() / count
     if named is not None:
-        taken = {name: value / count for name, value in misfit_taken(w, named.effects).items()}
+        taken = {name: value / count for name, value in misfit_taken(w, named, simulated).items()}
         items += [Item(name, "effect", value) for name, value in taken.items()]
-        refitted = named.misfits.sum() / count
-        items.append(Item("refit with the simulator", "refit", rest - sum(taken.values()) - refitted))
-        rest = refitted
+        rest -= sum(taken.values())
     return (*items, Item("unexplained", "unexplained", rest), Item("noise floor", "noise", w.noise.sum() / count))

@@ -2,6 +2,8 @@
 
     states → base refit → the same computed otherwise → tangents of all effects → hypotheses → refit of the leaders → verdict → held-out windows
 
+Where the leader's fabric leads to a nearer base, all from the base refit on is done once more about that (`nested_base.py`).
+
 Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library
 allowed, derivatives did not hold, and all is done again in shorter ones.
 
@@ -101,22 +103,34 @@ def diagnose(
         return _unanswered(model, recordings, doubt)
     longest_first = lengths(recordings, fps)
     each = [_taught(data.cut(length_s, fps), apart)[0] for length_s in reversed(longest_first)]
-    model, correlation = roughly_refitted(model, each, run, tell)
+    model, correlation = roughly_refitted(model, each, run, tell, searched=not quick)
     data, φ = restated(model, data.correlated(correlation), run), smooth_modes(model.subject.cloth, MODES)
+
+    def looked_at(model: Model, data: Gathered) -> tuple[Screened, Gathered, Gathered | None]:
+        train, held = _taught(unwrinkled(model, data, φ, run), apart)
+        return screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell), train, held
+
+    def settled(screened: Screened, train: Gathered) -> Trials:
+        trials = Trials(screened, first, train, effects, run, tell, quick=quick, abreast=abreast)
+        trials.settle()
+        return trials
+
     for length_s in longest_first:
         data = data.cut(length_s, fps)
         tell(f"{len(data.windows)} windows of {length_s:.2g} s")
-        data = unwrinkled(model, data, φ, run)
-        train, held = _taught(data, apart)
-        screened = screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell)
+        screened, train, held = looked_at(model, data)
         if _predicted(screened, train, tell):
             break
     if len(screened.evidence) < FEWEST_WINDOWS:
         return _unanswered(
             screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
         )
-    trials = Trials(screened, first, train, effects, run, tell, quick=quick, abreast=abreast)
-    trials.settle()
+    trials = settled(screened, train)
+    if (other := trials.nested_base()) is not None:
+        again = looked_at(other, restated(other, data, run))
+        if len(again[0].evidence) >= FEWEST_WINDOWS:
+            screened, train, held = again
+            trials = settled(screened, train)
     verdict = decided(trials)
     tell("held-out windows")
     kept = held

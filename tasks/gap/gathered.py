@@ -102,11 +102,11 @@ def unwrinkled(model: Model, data: Gathered, φ: Array, run: Map = map) -> Gathe
 
 def restarted(model: Model, data: Gathered, run: Map = map, φ: Array | None = None) -> Gathered:
     """The same for a model whose effects move the collider: before a body in another place, the cloth is elsewhere too, and the body may
-    pinch itself anew.
+    pinch itself anew; or that make another fabric: what was cut to other lengths lies otherwise where it was seen.
 
     φ [K, V]: as in `unwrinkled`, where wrinkles matter.
     """
-    if not any("motion" in e.acts_through and model.strength(e).any() for e in model.effects):
+    if not any(e.acts_through & {"motion", "fabric"} and model.strength(e).any() for e in model.effects):
         return data
     recordings, walked = zip(*run(_anew, [(model, r) for r in data.recordings]), strict=True)
     data = _where_longer(data, walked, recordings)

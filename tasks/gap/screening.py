@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth import nearest_fabric
+from tasks.cloth.base_parameters import with_fabric
 from tasks.cloth.base_refit import BaseFit, refit
 from tasks.cloth.likeliest_errors import estimated_correlation, estimated_prior
 from tasks.cloth.nuisances import Prior, without_state
@@ -25,7 +27,8 @@ Array = NDArray[np.float64]
 MODES = 40  # smooth modes of the start state, times three directions, place and velocity
 ITERATIONS, FINAL = 6, 3  # of the base refit, on a few windows of each length and then on all
 CERTAIN = MeshDoubt(0.0, 0.0, 0.0)
-ROUGH = 3  # windows of the first rounds of the base refit
+ROUGH = 3  # windows of the first rounds of the base refit,
+STARTING = 12  # and modes of their starts where fabrics far apart are compared
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,20 @@ class Screened:
 
 
 def roughly_refitted(
-    model: Model, each: Sequence[Gathered], run: Map = map, tell: Callable[[str], None] = lambda text: None
+    model: Model, each: Sequence[Gathered], run: Map = map, tell: Callable[[str], None] = lambda text: None, *, searched: bool = True
 ) -> tuple[Model, Correlation]:
     """The model after the first rounds of the base refit, on a few windows of each length, short ones first, and how the tracker's errors
     correlate there.
 
-    From a fabric far off, long windows lead nowhere; short ones may not tell one fabric from another.
+    From a fabric far off, long windows lead nowhere; short ones may not tell one fabric from another, so the long ones begin with what is
+    nearest of that and of fabrics far apart, if `searched`.
     """
-    φ = smooth_modes(model.subject.cloth, MODES)
+    φ, first = smooth_modes(model.subject.cloth, MODES), model.subject.fabric
     for data in each:
         few = data.only(data.windows[:: max(1, len(data.windows) // ROUGH)])
+        if searched and data is each[-1]:
+            todo = jobs(model, few, smooth_modes(model.subject.cloth, STARTING))
+            model = with_fabric(model, nearest_fabric.searched(todo, first, noise=few.noise, run=run))
         base = refit(jobs(model, few, φ), noise=data.noise, iterations=ITERATIONS, run=run, tell=tell)
         model = base.model
     correlation = estimated_correlation(jobs(model, few, φ)[::2], base.prior, data.noise, run)

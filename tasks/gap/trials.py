@@ -23,6 +23,7 @@ from tasks.gap.held_out import floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.joint_estimate import foretold, joint
 from tasks.gap.library_doubt import unexplained
+from tasks.gap.nested_base import nested_base
 from tasks.gap.probes import Probe, at_rest, probed
 from tasks.gap.refits import (
     Refitted,
@@ -265,6 +266,14 @@ class Trials:
         self._asked_afresh.add(hypothesis.name)
         self.tell(f"fabric afresh with {hypothesis.name}")
         return self.simulate(*afresh(self.screened, self.first, self.train, hypothesis, self.run))
+
+    def nested_base(self) -> Model | None:
+        """The base that the leader's fabric leads to, if it comes nearer than the one that all was weighed about; None of a quick diagnosis."""
+        now = self.after.get(self.leader.name)
+        if self.quick or now is None or now.windows is None:
+            return None
+        self.tell(f"base in the fabric of {now.hypothesis.name}")
+        return nested_base(self.screened.base, self.train, corrected_model(now).subject.fabric, self.run)
 
     def pairs(self) -> tuple[Fitted, ...]:
         """Second effects beside the leader, if it was simulated; as simulated where they were too."""

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
 BEFORE, AFTER, FLOOR, TRAINED, LINE = "#c2410c", "#15803d", "#6b7280", "#1d4ed8", "#dde3ea"
-PARTS = {"base": "#94a3b8", "numerics": "#64748b", "effect": AFTER, "refit": "#86b896", "unexplained": BEFORE, "noise": "#cbd5e1"}
+PARTS = {"base": "#94a3b8", "numerics": "#64748b", "effect": AFTER, "unexplained": BEFORE, "noise": "#cbd5e1"}
 VIEWS = (("front", 20.0), ("back", 200.0))  # [°] about the vertical
 ELEVATION = 12.0  # [°]
 GREY = (0.75, 0.75, 0.75)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flows import gap
+from tasks.effects.library import library
 from tasks.gap.blind import held, predicted
 from tasks.gap.residual import rms_mm
 from tests.cloth.test_windows import swung
@@ -22,6 +23,18 @@ def test_noise_in_two_frames_hardly_reaches_the_prediction():
 def test_without_noise_the_prediction_is_the_recording():
     model, recording, true, _ = swung(13)
     assert rms_mm(predicted(model, recording)[2:] - true[2:]) < 2.5
+
+
+@pytest.mark.parametrize("name", ["fabric_rest_scale", "observation_scale"])
+def test_shrunken_cloth_starts_where_it_was_seen(name):
+    """By a base that does not know of 5 % the two frames are drawn out to the lengths of the pattern."""
+    model, *_ = swung(13)
+    effect = library()[name]
+    shrunk = model.joined([effect], {name: np.array([-0.05])})
+    _, recording, true, _ = swung(13, fabric=shrunk.dressed().fabric)
+    x = predicted(shrunk, recording)
+    assert rms_mm(x[:2] - true[:2]) < 1.0
+    assert rms_mm(predicted(model, recording)[:2] - true[:2]) > 5.0
 
 
 @pytest.mark.parametrize(("reached", "used"), [(4, "before"), (9, "after"), (12, "after")])

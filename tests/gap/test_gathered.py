@@ -85,7 +85,7 @@ def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfit
 
     model = SimpleNamespace(subject=SimpleNamespace(fps=FPS, cloth=None))
     monkeypatch.setattr(diagnosis, "gather", lambda model, recordings, run: data(41, 41))
-    monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, train, run, tell: (model, Correlation(0.0, 0.1)))
+    monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, *_, **__: (model, Correlation(0.0, 0.1)))
     monkeypatch.setattr(diagnosis, "restated", lambda model, data, run: data)
     monkeypatch.setattr(diagnosis, "smooth_modes", lambda cloth, count: None)
     monkeypatch.setattr(diagnosis, "unwrinkled", lambda model, data, φ, run: calm.append(max(w.length for w in data.windows)) or data)

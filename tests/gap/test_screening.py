@@ -1,14 +1,20 @@
-"""What computing otherwise changes is told about the states themselves, wherever derivatives are then taken."""
+"""What the refit begins from; what computing otherwise changes is told about the states themselves, wherever derivatives are then taken."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from tasks.cloth.numerics import MESH, offsets
 from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Window
-from tasks.gap.screening import _otherwise
-from tests.cloth.test_windows import swung
+from tasks.gap import screening
+from tasks.gap.screening import ROUGH, _otherwise, roughly_refitted
+from tests.cloth.test_windows import FABRIC, swung
+from tests.gap.test_gathered import data
 
 
 def test_a_start_that_was_moved_has_no_part_in_what_another_mesh_does():
@@ -22,3 +28,30 @@ def test_a_start_that_was_moved_has_no_part_in_what_another_mesh_does():
     expected = offsets(job, found.prediction.x, (MESH,))
     np.testing.assert_array_equal(changed[MESH.name], expected[MESH.name])
     assert np.abs(changed[MESH.name]).max() > 1e-6
+
+
+@pytest.mark.parametrize("searched", [False, True])
+def test_long_windows_begin_with_the_nearest_of_fabrics_far_apart(monkeypatch, searched):
+    """In a few of the longest windows, once: of what short ones led to, and of fabrics about the one that was given."""
+    model, *_ = swung(2)
+    short, nearest = (replace(FABRIC, bending=b) for b in (7.0, 11.0))
+    begun, asked = [], []
+
+    def refitted(jobs, **_):
+        begun.append(jobs[0].model.subject.fabric)
+        return SimpleNamespace(model=replace(model, subject=replace(model.subject, fabric=short)), prior=None)
+
+    def chosen(jobs, first, *, noise, run):
+        asked.append((len(jobs), max(job.window.length for job in jobs), jobs[0].model.subject.fabric, first))
+        return nearest
+
+    monkeypatch.setattr(screening, "refit", refitted)
+    monkeypatch.setattr(screening.nearest_fabric, "searched", chosen)
+    monkeypatch.setattr(screening, "estimated_correlation", lambda *_: SimpleNamespace(share=0.0, length=0.1, memory=0.0))
+    each = [data(200, length_s=s) for s in (0.2, 0.33)]
+    roughly_refitted(model, each, searched=searched)
+    assert begun == [FABRIC, nearest if searched else short]
+    assert len(asked) == searched
+    for windows, length, own, first in asked:
+        assert windows <= ROUGH + 1 and length == max(w.length for w in each[1].windows)
+        assert (own, first) == (short, FABRIC)

@@ -38,7 +38,9 @@ class Rehearsed(Trials):
         monkeypatch.setattr(trials, "by_length", lambda *_: self.scaled)
         monkeypatch.setattr(trials, "afresh", lambda screened, first, train, hypothesis, run: (hypothesis, first))
         monkeypatch.setattr(trials, "probed", self._asked)
-        monkeypatch.setattr(trials, "corrected_model", lambda named: SimpleNamespace(name="corrected"))
+        fabric = SimpleNamespace(name="the leader's")
+        corrected = SimpleNamespace(name="corrected", subject=SimpleNamespace(fabric=fabric))
+        monkeypatch.setattr(trials, "corrected_model", lambda named: corrected)
         monkeypatch.setattr(trials, "restarted", lambda model, data, run: data)
         monkeypatch.setattr(trials, "at_rest", self._at_rest)
 
@@ -368,3 +370,12 @@ def test_in_a_hurry_no_second_cause_is_sought(monkeypatch, quick):
     t.settle()
     monkeypatch.setattr(trials, "searched", lambda named: (beside_friction(t, 5.0),))
     assert [pair.name for pair in Trials.pairs(t)] == ([] if quick else [f"{FRICTION} + gravity_tilt"])
+
+
+@pytest.mark.parametrize(("quick", "simulated"), [(False, True), (True, True), (False, False)])
+def test_the_base_is_asked_for_in_the_fabric_of_a_leader_that_was_simulated(monkeypatch, quick, simulated):
+    t = Rehearsed(monkeypatch, doubt=0.0, finds=lambda name, origin: (0.3, 20.0 if name == FRICTION else 1.0), quick=quick)
+    monkeypatch.setattr(trials, "nested_base", lambda base, data, fabric, run: fabric.name)
+    if simulated:
+        t.settle()
+    assert t.nested_base() == ("the leader's" if simulated and not quick else None)
