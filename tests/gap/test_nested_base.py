@@ -63,8 +63,14 @@ def test_a_fabric_that_is_nearly_the_same_is_not_tried(swinging):
 def test_only_windows_that_are_compared_count(swinging):
     """The base was fitted on more windows than could be followed with all tangents."""
     data, base = swinging
-    few = data.only(data.windows[1:])
-    assert nested_base(base(SOFT), few, FABRIC) is not None
+    few, followed = data.only(data.windows[1:]), set()
+
+    def run(work, jobs):
+        followed.update(job.window for job in jobs)
+        return map(work, jobs)
+
+    assert nested_base(base(SOFT), few, FABRIC, run) is not None
+    assert followed == set(few.windows)
 
 
 class Decided(Exception):
