@@ -68,7 +68,7 @@ def maps(x: Array, faces: Faces, uv: Array | None, shown: Mapping[str, tuple[Arr
     for row, (title, (values, unit)) in zip(grid, shown.items(), strict=True):
         face = np.mean(values[faces], axis=1)
         top = float(np.nanpercentile(face, 98)) if np.isfinite(face).any() else 1.0
-        scale = Normalize(0, max(top, 1e-12))
+        scale = Normalize(0, top if top > 0 else 1.0)  # forcing may be zero everywhere
         for axes, (name, azimuth) in zip(row, VIEWS, strict=False):
             _garment(axes, x, faces, _colours(face, scale), azimuth)
             axes.set_title(f"{title}, {name}", fontsize=9)
