@@ -1,9 +1,9 @@
 """Where the base refit begins: of fabrics far apart the one that comes nearest, then of those about it.
 
 Gauss–Newton goes downhill from where it is, and the loss over windows of a third of a second has more than one valley: a skirt whose body was
-recorded 20 mm too small ended at ten times its κ_s/ρ from where its short windows had led, with a misfit of 14.9; in its own fabric, still
-without the larger body, it is 6.1. What a cause does is told apart from what is there only about a fabric that is nearly right. So fabrics a
-factor of `FACTOR` softer and stiffer, stretched and bent, are tried before any step is taken:
+recorded 20 mm too small ended at ten times its κ_s/ρ from where its short windows had led, with a misfit of 14.9; begun near its own fabric,
+still without the larger body, at 6.1. What a cause does is told apart from what is there only about a fabric that is nearly right. So fabrics
+softer and stiffer, stretched and bent, are tried before any step is taken, first by one factor of `FACTORS`, then by the other:
 
     argmin over (κ_s, κ_b) of Σ_w n_w log(r_wᵀ C_w⁻¹ r_w/n_w)        C_w as in `base_refit.py`, start states marginalised
 
@@ -35,10 +35,15 @@ def searched(jobs: Sequence[Job], first: Fabric, *, noise: float, run: Map = map
 
 def nearest_fabric(jobs: Sequence[Job], fabrics: Sequence[Fabric], *, noise: float, run: Map = map) -> Fabric:
     """Of `fabrics`, the one with which most windows `jobs` can be followed, and of such ones the nearest; noise [m] per coordinate."""
-    found = list(run(follow, [replace(job, model=with_fabric(job.model, fabric)) for fabric in fabrics for job in jobs]))
-    prior = estimated_prior(found, noise)
-    each = [found[k : k + len(jobs)] for k in range(0, len(found), len(jobs))]
+    each = followed_in(fabrics, jobs, run)
+    prior = estimated_prior([e for evidence in each for e in evidence], noise)
     return fabrics[min(range(len(fabrics)), key=lambda k: _distance(each[k], prior))]
+
+
+def followed_in(fabrics: Sequence[Fabric], jobs: Sequence[Job], run: Map = map) -> list[list[Evidence]]:
+    """Of each fabric, each window."""
+    found = list(run(follow, [replace(job, model=with_fabric(job.model, fabric)) for fabric in fabrics for job in jobs]))
+    return [found[k : k + len(jobs)] for k in range(0, len(found), len(jobs))]
 
 
 def about(fabric: Fabric, factor: float) -> list[Fabric]:

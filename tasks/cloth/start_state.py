@@ -6,10 +6,11 @@ therefore the minimiser of
     ½ Σ_i m_i ‖x_i − (y_i − s² ÿ_i)‖² / s²  +  P(x)        P: gravity, membrane, bending, contact
 
 that is, of all places the one where the observed acceleration ÿ and the forces of the model balance best: if y obeyed the model, x = y. The
-time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². So little that what effects do
-by forces may be left out, but stiffness is no small force: cloth that has shrunk by 5 % would be drawn out to the lengths it was cut to, by
-centimetres. P is that of the fabric that the effects make of the base's. y, ÿ and velocities are those
-of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of
+time s says how far force may pull cloth from where it was seen: an acceleration error of a moves it by a s². That is so little that forces of
+effects may be left out; but stiffness is no small force, and would draw cloth that has shrunk by 5 % out to the lengths it was cut to, by
+centimetres. So P is that of the fabric that effects make of the base's.
+
+y, ÿ and velocities are those of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of
 noise, the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth that moves that fast
 mostly does so over lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles swing in a window as no
 cloth does: the fit would answer them with its stiffness. So the difference d of the two polynomials is split, and of each part the share is

@@ -26,6 +26,7 @@ from tasks.cloth.completed_replay import replay_completed
 from tasks.cloth.gauss_newton import PARAMETERS, UNKNOWN, Fit, Normal, logarithms, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.likeliest_errors import estimated_prior
+from tasks.cloth.nearest_fabric import followed_in
 from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import FINER, offsets
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Scene, replay
@@ -116,7 +117,7 @@ def _following(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
     """What windows say of any fabric, the smooth modes of their start marginalised."""
 
     def told(fabrics: Sequence[Fabric]) -> list[list[Normals] | None]:
-        each = _evidence(fabrics, found, jobs, run)
+        each = followed_in(fabrics, jobs, run)
         return [[without_state(e.normals, found.prior) for e in evidence] if _whole(evidence) else None for evidence in each]
 
     return told
@@ -127,7 +128,7 @@ def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed
     fine = [replace(job, φ=smooth_modes(job.model.subject.cloth, FINE)) for job in jobs]
 
     def told(fabrics: Sequence[Fabric]) -> list[list[Normals] | None]:
-        each = _evidence(fabrics, found, fine, run)
+        each = followed_in(fabrics, fine, run)
         return [_without_wrinkles(fine, evidence, found.prior) if _whole(evidence) else None for evidence in each]
 
     return told
@@ -135,12 +136,6 @@ def _following_finely(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed
 
 def _without_wrinkles(jobs: Sequence[Job], evidence: Sequence[Evidence], prior: Prior) -> list[Normals]:
     return [without_wrinkles(job, e, prior, MODES) for job, e in zip(jobs, evidence, strict=True)]
-
-
-def _evidence(fabrics: Sequence[Fabric], found: BaseFit, jobs: Sequence[Job], run: Map) -> list[list[Evidence]]:
-    """Of each fabric, each window."""
-    flat = list(run(follow, [replace(job, model=with_fabric(found.model, fabric)) for fabric in fabrics for job in jobs]))
-    return [flat[k : k + len(jobs)] for k in range(0, len(flat), len(jobs))]
 
 
 def _whole(evidence: Sequence[Evidence]) -> bool:
@@ -195,7 +190,7 @@ def _less_numerics(found: BaseFit, jobs: list[Job], run: Map) -> tuple[Fabric, N
     reasons = _unrefined(found, with_offset)
     profile = bracketed(fabric, _following_finely(found, with_offset, run)) if with_offset else None
     if profile is None:
-        alone = _normal(_evidence([fabric], found, jobs, run)[0], found.prior)
+        alone = _normal(followed_in([fabric], jobs, run)[0], found.prior)
         return fabric, replace(alone, common=np.nan), (*reasons, UNKNOWN)
     normal = profile.normal
     return moved(profile.fabric, np.clip(normal.step, -ASIDE, ASIDE))[0], normal, reasons

@@ -106,11 +106,18 @@ def restarted(model: Model, data: Gathered, run: Map = map, φ: Array | None = N
 
     φ [K, V]: as in `unwrinkled`, where wrinkles matter.
     """
-    if not any(e.acts_through & {"motion", "fabric"} and model.strength(e).any() for e in model.effects):
+    if not _lies_otherwise(model):
         return data
     recordings, walked = zip(*run(_anew, [(model, r) for r in data.recordings]), strict=True)
     data = _where_longer(data, walked, recordings)
     return data if φ is None else unwrinkled(model, data, φ, run)
+
+
+def _lies_otherwise(model: Model) -> bool:
+    """Whether its effects change what states depend on: what drives the cloth, or its fabric but for friction, which no state feels."""
+    moves = any("motion" in e.acts_through and model.strength(e).any() for e in model.effects)
+    own = model.subject.fabric
+    return moves or replace(model.dressed().fabric, friction=own.friction, self_friction=own.self_friction) != own
 
 
 def _anew(job: tuple[Model, Recording]) -> tuple[Recording, States]:

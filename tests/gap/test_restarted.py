@@ -18,12 +18,13 @@ limbs = test_yielded_collider.limbs
     [
         ("fabric_hem_mass", 0.1, 0, 0),
         ("fabric_rest_scale", 0.02, 0, 2),
+        ("contact_friction", 0.3, 0, 0),
         ("observation_smoothing", 1e-3, 0, 2),
         ("body_offset", 2e-3, 2, 2),
     ],
 )
 def test_only_what_moves_the_body_lets_it_give_way_again(limbs, monkeypatch, name, θ, drawn, anew) -> None:
-    """Mass changes neither body nor states; the lengths that cloth was cut to, and a smoothing tracker, states but not the body."""
+    """Mass and friction change neither body nor states; the lengths that cloth was cut to, and a smoothing tracker, states but not the body."""
     model, recording = limbs
     asked = {"drawn": 0, "anew": 0}
 
