@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "tasks/stages.lock"
 MACHINERY = {
-    f"tasks.{name}" for name in ("stage", "child_process", "content_digest", "shared_map", "side_by_side", "plain_data")
+    f"tasks.{name}" for name in ("stage", "child_process", "content_digest", "shared_map", "side_by_side", "read_ahead", "plain_data")
 }  # decides no number
 
 

@@ -29,7 +29,8 @@ FACTORS = (4.0, 2.0)
 
 def searched(jobs: Sequence[Job], first: Fabric, *, noise: float, run: Map = map) -> Fabric:
     """The nearest found of the fabrics about `first`, that of the jobs, and those about whichever of them is the nearest."""
-    found = nearest_fabric(jobs, [jobs[0].model.subject.fabric, *about(first, FACTORS[0])], noise=noise, run=run)
+    each = list(dict.fromkeys([jobs[0].model.subject.fabric, *about(first, FACTORS[0])]))  # where short windows moved nothing, one twice
+    found = nearest_fabric(jobs, each, noise=noise, run=run)
     return nearest_fabric(jobs, about(found, FACTORS[1]), noise=noise, run=run)
 
 
@@ -49,7 +50,7 @@ def followed_in(fabrics: Sequence[Fabric], jobs: Sequence[Job], run: Map = map) 
 def about(fabric: Fabric, factor: float) -> list[Fabric]:
     """The fabric, and those by a factor softer and stiffer in either or both ways, within bounds."""
     steps: list[NDArray[np.float64]] = [np.log(factor) * np.array(signs, float) for signs in product((0, -1, 1), repeat=2)]
-    return [moved(fabric, step)[0] for step in steps]
+    return [fabric, *(moved(fabric, step)[0] for step in steps[1:])]
 
 
 def _distance(evidence: Sequence[Evidence], prior: Prior) -> tuple[int, float]:

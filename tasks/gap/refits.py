@@ -18,7 +18,7 @@ from tasks.gap.hypotheses import NOWHERE, Fitted, Windows
 from tasks.gap.interpenetration import cleared
 from tasks.gap.joint_estimate import disagreement, foretold, joint
 from tasks.gap.observed_lengths import SCALES, observed_scale
-from tasks.gap.replay import Replay, Replayed, lost, mean, mean_normals, parted, replayed_by, supported
+from tasks.gap.replay import Replay, Replayed, lost, mean, mean_normals, parted, replayed_by, replayed_by_each, supported
 from tasks.gap.screening import MODES, Screened, compressed
 from tasks.gap.verdict import TEMPER, Twins, told_apart
 
@@ -124,10 +124,12 @@ def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run
     alone = replace(named, replays=here, replays_as_simulated=here)
     together = replace(alone, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin))
     found = alone if moved_on(together) else together
-    for asked in (together, alone) if _apart(together.hypothesis, alone.hypothesis) else (together,):
-        if moved_on(asked):
-            there = replace(asked, replays=replayed_by(corrected_model(asked), base, data, run))
-            found = there if _agrees_more(there, found, named.hypothesis) else found
+    apart = _apart(together.hypothesis, alone.hypothesis)
+    asked = [each for each in ((together, alone) if apart else (together,)) if moved_on(each)]
+    models = [corrected_model(each) for each in asked]
+    for each, replays in zip(asked, replayed_by_each(models, base, data, run), strict=True):
+        there = replace(each, replays=replays)
+        found = there if _agrees_more(there, found, named.hypothesis) else found
     return replace(found, hypothesis=replace(found.hypothesis, support=_support(found, base, beside)))
 
 

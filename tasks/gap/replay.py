@@ -137,8 +137,17 @@ def replayed_by(
     model: Model, base: Sequence[Replay | None], data: Gathered, run: Map = map, *, columns: bool = False
 ) -> tuple[Replay | None, ...]:
     """The same of another model, or fabric, beside the base's floors; columns: with derivatives by its effects."""
-    found = iter(run(_beside_base, _known(model, base, data, run, columns=columns)))
-    return tuple(None if b is None else next(found) for b in base)
+    (found,) = replayed_by_each([model], base, data, run, columns=columns)
+    return found
+
+
+def replayed_by_each(
+    models: Sequence[Model], base: Sequence[Replay | None], data: Gathered, run: Map = map, *, columns: bool = False
+) -> list[tuple[Replay | None, ...]]:
+    """The same of several models, all recordings of all of them side by side."""
+    known = [_known(model, base, data, run, columns=columns) for model in models]
+    found = iter(run(_beside_base, [job for each in known for job in each]))
+    return [tuple(None if b is None else next(found) for b in base) for _ in models]
 
 
 def _known(model: Model, base: Sequence[Replay | None], data: Gathered, run: Map, *, columns: bool) -> list[tuple[Job, Replay]]:

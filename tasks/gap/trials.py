@@ -195,10 +195,10 @@ class Trials:
         return max(one, other, key=lambda r: (r.windows is not None, self._whole(r.hypothesis)))
 
     def _further(self, now: Refitted) -> Refitted:
-        """Simulated where its last step led, or half-way where it weighs less there; if there too, or where it cannot be followed so far,
-        what was simulated before, without that step.
+        """Simulated where its last step led, or half-way where it weighs less there, if not `quick`; if there too, or where it cannot be
+        followed so far, what was simulated before, without that step.
         """
-        for share in (1.0, 0.5):
+        for share in (1.0,) if self.quick else (1.0, 0.5):
             found = self.simulate(part_way(now, share), now.model)
             if found.windows is None:
                 break

@@ -22,6 +22,7 @@ from tasks.body.shared_shape import shared_shape, spread
 from tasks.geometry.meshes import vertex_normals
 from tasks.registration.clinging_cloth import LEAVES, NO_CLOTH, Clinging, clinging
 from tasks.registration.skin_distance import Match, SkinDistance, Together, evenly, matched
+from tasks.side_by_side import side_by_side
 
 ROUNDS, FRAME_ROUNDS = 8, 4  # of matching: for the shape, and for each frame
 STEPS = 6  # of Gauss-Newton between two of them
@@ -71,9 +72,11 @@ def register(
     skin: Skin,
     garment_faces: NDArray[np.int32],
     tell: Callable[[float, str], None] = lambda share, text: None,
+    *,
+    at_once: int = 1,
 ) -> Registered:
     """Shape and poses that tracked skin and clinging cloth ask for, from those that keypoints gave; garment_faces [G, 3] of the tracked
-    surface.
+    surface. at_once: frames that are fitted side by side, each in a thread of its own.
     """
     frames = len(start.pose)
     enough = [f for f in range(frames) if skin.seen[f, skin.index].sum() >= FEWEST]
@@ -87,10 +90,13 @@ def register(
     body = _posed(model, free, shape, _frame(model, free, z[first], shape, skin, NO_CLOTH, first))
     cloth = clinging(skin.vertices[first], garment_faces, body, model.faces)
     found, distance = z.copy(), np.full((frames, 2), np.nan)
-    for f in enough:
+
+    def fitted(f: int) -> None:
         tell(0.4 + 0.6 * f / frames, f"frame {f}")
         found[f] = _frame(model, free, z[f], shape, skin, cloth, f)
         distance[f] = [_from_skin(model, free, β, u, skin, f) for β, u in ((start.shape, z[f]), (shape, found[f]))]
+
+    side_by_side(fitted, enough, at_once)
     pose = np.array([free.pose(u) for u in found])
     pose[:, FACE] = start.pose[:, FACE]
     before, after = 1e3 * np.nanmedian(distance, 0)

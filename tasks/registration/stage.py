@@ -1,5 +1,6 @@
 """The door of registration: the fitted body once more, on the skin that was tracked and the cloth that clings to it."""
 
+import os
 from typing import Annotated
 
 import numpy as np
@@ -37,7 +38,7 @@ def registration(
     model, skin = BodyModel.load(path), _skin(tracking)
     worn = tracking.faces[np.asarray(tracking.part_names)[tracking.part_of_face] != SKIN]
     start = Pose(*(np.asarray(a, float) for a in (body.pose, body.shape, body.expression, body.translation)))
-    found = register(model, start, skin, worn, job.progress)
+    found = register(model, start, skin, worn, job.progress, at_once=os.cpu_count() or 1)
     posed = pose_sequence(model, found.found.shape, found.found.expression, found.found.pose, found.found.translation)
     pixels = reprojected(model, cameras_of(capture), keypoints.keypoints.astype(float), posed)
     return Registration(

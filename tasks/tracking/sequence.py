@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault
 from tasks.geometry.meshes import mesh_faults
+from tasks.read_ahead import read_ahead
 from tasks.tracking import noise, outline, photometric, pyramid, reference
 from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, look, pixel_size
 from tasks.tracking.pyramid import Images, Level
@@ -81,10 +82,10 @@ def track_sequence(
 ) -> Tracked:
     """Follow the template [V, 3] m, faces [F, 3] (the surface in frame 0) through `frames` frames of calibrated images.
 
-    images(frame, camera) -> [height, width, 3]; masks likewise [height, width] or None; part [F] names ("body" is skin, all else cloth);
-    prediction [T, V, 3] m, NaN where there is none; occluder (vertices [T, C, 3] m, faces [G, 3]) hides samples without being tracked;
-    `start` resumes after its frame; `on_frame` is called after each frame with what was found and with the state to resume from. Raises
-    BadInput.
+    images(frame, camera) -> [height, width, 3]; masks likewise [height, width] or None, both asked for one frame ahead, from a thread;
+    part [F] names ("body" is skin, all else cloth); prediction [T, V, 3] m, NaN where there is none; occluder (vertices [T, C, 3] m, faces
+    [G, 3]) hides samples without being tracked; `start` resumes after its frame; `on_frame` is called after each frame with what was found
+    and with the state to resume from. Raises BadInput.
     """
     settings = settings or Settings()
     part = np.full(len(faces), "garment") if part is None else np.asarray(part)
@@ -118,11 +119,15 @@ def _frames(
         yield _described(scene, now, _held(scene, now, template), 0), state
     else:
         state = start
-    for t in range(state.frame + 1, frames):
+    ahead = range(state.frame + 1, frames)
+
+    def seen(t: int) -> tuple[tuple[Level, ...], outline.Outlines | None]:
         stacked = pyramid.stack(images, masks, t, cameras)
-        levels = tuple(correct(pyramid.level(stacked, blur)) for blur in settings.blur_px)
+        return tuple(correct(pyramid.level(stacked, blur)) for blur in settings.blur_px), rims(stacked)
+
+    for t, (levels, outlines) in zip(ahead, read_ahead(seen, ahead), strict=True):
         begin = _predicted(state, prediction, t)
-        now = Instant(levels, rims(stacked), _shape_at(mesh, template, prediction, t, begin, settings), _at(occluder, t))
+        now = Instant(levels, outlines, _shape_at(mesh, template, prediction, t, begin, settings), _at(occluder, t))
         found = fit(scene, now, begin)
         state = State(t, state.last, found.x)
         yield _described(scene, now, found, t), state

@@ -50,6 +50,13 @@ def test_what_the_jobs_have_counts_too(jobs):
     assert np.allclose(logarithms(searched(jobs[:2], far, noise=NOISE)), logarithms(FABRIC))
 
 
+def test_what_the_jobs_have_is_not_followed_twice(jobs, monkeypatch):
+    asked = []
+    monkeypatch.setattr(own, "nearest_fabric", lambda jobs, fabrics, **_: asked.append(fabrics) or fabrics[0])
+    searched(jobs[:1], FABRIC, noise=NOISE)
+    assert [len(fabrics) for fabrics in asked] == [len(set(fabrics)) for fabrics in asked] == [9, 9]
+
+
 def test_a_fabric_that_cannot_be_followed_is_not_the_nearest(jobs, monkeypatch):
     """However near it comes in the windows that are left."""
     stiff = replace(FABRIC, bending=4 * FABRIC.bending)

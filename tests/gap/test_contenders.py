@@ -116,6 +116,7 @@ def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_
         return (None if np.isnan(told[-1]) else replay(Replayed(told[-1], 1e-6, 20e-6)),)
 
     monkeypatch.setattr(refits, "replayed_by", replays)
+    monkeypatch.setattr(refits, "replayed_by_each", lambda models, *_: [replays() for _ in models])
     monkeypatch.setattr(refits, "mean_normals", lambda _: "normals")
     monkeypatch.setattr(refits, "joint", lambda h, *_: replace(h, strengths=dict.fromkeys(h.strengths, together)))
     monkeypatch.setattr(refits, "corrected_model", lambda _: None)

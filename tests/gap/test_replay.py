@@ -13,7 +13,20 @@ from tasks.cloth.windows import Window, predict, windows
 from tasks.effects.library import library
 from tasks.gap import replay
 from tasks.gap.gathered import Gathered
-from tasks.gap.replay import Replay, Replayed, base_replays, mean, mean_normals, nearer, parted, replayed_by, replays, supported, weighted
+from tasks.gap.replay import (
+    Replay,
+    Replayed,
+    base_replays,
+    mean,
+    mean_normals,
+    nearer,
+    parted,
+    replayed_by,
+    replayed_by_each,
+    replays,
+    supported,
+    weighted,
+)
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
@@ -101,6 +114,22 @@ def test_derivatives_of_replays_foretell_what_adding_the_cause_does(blown, monke
     foretold = told.c - 2 * told.g[i] @ w + w @ told.G[np.ix_(i, i)] @ w
     gained = told.c - mean(little).gap
     assert gained > 0.02 * told.c and told.c - foretold == pytest.approx(gained, rel=0.05)
+
+
+def test_several_models_are_replayed_side_by_side_each_as_alone(blown):
+    model, windy, data = blown
+    base, asked = (*base_replays(model, (), data), None), []
+
+    def run(function, jobs):
+        asked.append(len(jobs))
+        return map(function, jobs)
+
+    data = replace(
+        data, recordings=data.recordings * 2, states=data.states * 2, windows=(*data.windows, replace(data.windows[0], recording=1))
+    )
+    found = replayed_by_each([model, windy], base, data, run)
+    assert asked == [2] and [each[1] for each in found] == [None, None]
+    assert [each[0].replayed for each in found] == [replayed_by(m, base, data)[0].replayed for m in (model, windy)]
 
 
 def test_a_replay_is_compared_in_any_window_that_it_passes_through(blown):
