@@ -32,7 +32,6 @@ from tasks.effects.effect import Effect
 from tasks.effects.library import library, suspects
 from tasks.effects.named import named
 from tasks.geometry.faults import BadInput, Fault
-from tasks.side_by_side import side_by_side
 from tasks.simulator import Fabric, Settings
 from tasks.skinning.linear_blend import repose
 from tasks.stage import Folder, Job, Parameters, stage
@@ -125,7 +124,7 @@ class Work:
 def cloth(
     job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> ClothRecord:
-    """Fit all garments of an actor, side by side. Where they were weighed, together, they are taken to be of one density."""
+    """Fit all garments of an actor, one after the other, each on both cores. Where they were weighed, together, they are taken to be of one density."""
     worn = _garments(tracking)
     if not worn:
         raise BadInput(
@@ -134,8 +133,7 @@ def cloth(
     scenes = [_scene(g, capture, body, tracking, skinning, parameters) for g in worn]
     fabric = weighed(parameters.fabric, [s.cloth for s in scenes], capture.mass_kg)
     work = [Work(g.name, s, fabric, weighed=capture.mass_kg is not None) for g, s in zip(worn, scenes, strict=True)]
-    fitted, reasons = _fits(job, work, parameters)
-    return _as_record(work, fitted, index=[g.index for g in worn], said=reasons)
+    return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
 
 @stage("cloth", version=3, pool="simulation", timeout_s=4 * 3600, retries=1)
@@ -156,9 +154,7 @@ def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
     for said in (*track.warnings, *found.chosen):
         job.warn(said)
     work = Work("garment", found.scene, found.fabric, found.otherwise, found.weighed)
-    fitted, reasons = _fits(job, [work], parameters)
-    index = np.arange(len(found.scene.x0), dtype=np.int32)
-    return _as_record([work], fitted, index=[index], said=(*found.chosen, *reasons))
+    return _as_record([work], _fits(job, [work], parameters), index=[np.arange(len(found.scene.x0), dtype=np.int32)], said=found.chosen)
 
 
 def _garments(tracking: Tracking) -> list[Garment]:
@@ -191,22 +187,21 @@ def _scene(
 Fitted = tuple[Scene, Fit, dict[str, Any]]
 
 
-def _fits(job: Job, work: list[Work], parameters: FitParameters) -> tuple[list[Fitted], tuple[str, ...]]:
-    """(the scene that was simulated, the fit, what can be known of it) of every garment, and which computations had to be begun again; warns
-    of everything that had to be retried.
+def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]:
+    """(the scene that was simulated, the fit, what can be known of it) of every garment; warns of everything that had to be retried.
 
-    Windows, or the four simulations of Algorithm 1, are mapped over two processes and those of helpers, which all garments share: of the
-    three long windows of one the last would leave a core idle. One that is killed or slow is begun again.
+    Windows, or the four simulations of Algorithm 1, are mapped over two processes and those of helpers; one that is killed or slow is begun
+    again.
     """
-    with Pool(limit_s=parameters.limit_s, at_once=AT_ONCE, attempts=parameters.attempts) as pool:
-        run = job.spread(pool.map, AT_ONCE)
-        fitted = side_by_side(lambda each: BY[parameters.method](job, each, parameters, run), work, AT_ONCE)
-    for each, (_, found, _) in zip(work, fitted, strict=True):
+    fitted = []
+    for each in work:
+        with Pool(limit_s=parameters.limit_s, at_once=AT_ONCE, attempts=parameters.attempts) as pool:
+            scene, found, known = BY[parameters.method](job, each, parameters, job.spread(pool.map, AT_ONCE))
+            found = replace(found, reasons=(*pool.reasons, *found.reasons))
         for said in (*found.reasons, *([] if found.replay.complete else [f"replay of the whole: {found.replay.ending}"])):
             job.warn(f"{each.name}: {said}")
-    for said in pool.reasons:
-        job.warn(said)
-    return fitted, tuple(pool.reasons)
+        fitted.append((scene, found, known))
+    return fitted
 
 
 def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:

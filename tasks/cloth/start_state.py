@@ -10,11 +10,11 @@ time s says how far force may pull cloth from where it was seen: an acceleration
 effects may be left out; but stiffness is no small force, and would draw cloth that has shrunk by 5 % out to the lengths it was cut to, by
 centimetres. So P is that of the fabric that effects make of the base's.
 
-y, ÿ and velocities are those of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to fps/5 Hz and every bit of
-noise, the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth that moves that fast
-mostly does so over lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles swing in a window as no
-cloth does: the fit would answer them with its stiffness. So the difference d of the two polynomials is split, and of each part the share is
-kept that noise does not make:
+y, ÿ and velocities are those of polynomials through the five frames around, as fast as the noise allows: order 4 follows every swing up to
+fps/5 Hz and every bit of noise, the parabola averages (at the first frame their slopes carry 5.6 and 1.1 times the noise times fps). Cloth
+that moves that fast mostly does so over lengths that smooth modes φ hold, while noise is as rough in space as the mesh, and its wrinkles
+swing in a window as no cloth does: the fit would answer them with its stiffness. So the difference d of the two polynomials is split, and
+of each part the share is kept that noise does not make:
 
     D = D₂ + k_φ P d + k (1 − P) d,      k = max(0, 1 − σ² Σ w²/mean d²)      per frame, w: weights of the frames in d
 

@@ -119,13 +119,13 @@ def _frames(
         yield _described(scene, now, _held(scene, now, template), 0), state
     else:
         state = start
-    ahead = range(state.frame + 1, frames)
+    later = range(state.frame + 1, frames)
 
     def seen(t: int) -> tuple[tuple[Level, ...], outline.Outlines | None]:
         stacked = pyramid.stack(images, masks, t, cameras)
         return tuple(correct(pyramid.level(stacked, blur)) for blur in settings.blur_px), rims(stacked)
 
-    for t, (levels, outlines) in zip(ahead, read_ahead(seen, ahead), strict=True):
+    for t, (levels, outlines) in zip(later, read_ahead(seen, later), strict=True):
         begin = _predicted(state, prediction, t)
         now = Instant(levels, outlines, _shape_at(mesh, template, prediction, t, begin, settings), _at(occluder, t))
         found = fit(scene, now, begin)

@@ -1,13 +1,10 @@
 """A fit that is shared with others is the fit alone, to the last bit; and whoever goes the same way afterwards simulates nothing."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from tasks.cloth import stage
 from tasks.cloth.adam_fd import Descent, as_algorithm_1, descend
-from tasks.cloth.stage import FitParameters, Work, _by_tangents, _fits
+from tasks.cloth.stage import FitParameters, Work, _by_tangents
 from tasks.cloth.windowed_fit import fit_windows
 from tasks.plain_data import digest
 from tasks.shared_map import SharedMap
@@ -81,28 +78,3 @@ def test_a_fit_that_was_killed_ends_as_if_nobody_had_killed_it(scene, tmp_path):
     with pytest.raises(IndexError):  # in the first round of the refit
         fitted(tmp_path / "killed", dying)
     assert digest(fitted(tmp_path / "killed", map)) == digest(undisturbed)
-
-
-def test_garments_that_are_fitted_side_by_side_are_each_as_alone(tmp_path):
-    """They share processes and a folder of results, and never one another's."""
-    work = [Work(name, observed(panel(6, frames=frames), 5), FAR) for name, frames in (("skirt", 9), ("top", 11))]
-    parameters, said = FitParameters(iterations=1), []
-
-    def fitted(name, work):
-        (tmp_path / name).mkdir()
-        job = Job("demo", "Sequence1", None, tmp_path / name, lambda fraction, text: None, said.append)
-        return [(digest(fit.normal), fit.fabric, len(fit.replay.x)) for _, fit, _ in _fits(job, work, parameters)[0]]
-
-    assert fitted("both", work) == fitted("one", work[:1]) + fitted("other", work[1:])
-    assert not said
-
-
-def test_what_a_garment_had_to_be_retried_for_is_said_of_it(tmp_path, monkeypatch):
-    def fit(job, work, parameters, run):
-        return None, SimpleNamespace(reasons=(f"of the {work.name}",), replay=SimpleNamespace(complete=True)), {}
-
-    monkeypatch.setitem(stage.BY, "gauss-newton", fit)
-    said = []
-    job = Job("demo", "Sequence1", None, tmp_path, lambda fraction, text: None, said.append)
-    _fits(job, [Work(name, None, FAR) for name in ("skirt", "top")], FitParameters())
-    assert said == ["skirt: of the skirt", "top: of the top"]
