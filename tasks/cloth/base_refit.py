@@ -6,6 +6,9 @@ The logarithm is the likelihood of a window whose errors have an unknown scale: 
 Gauss–Newton step weighs window w by 1/s_w, s_w = r_wᵀC_w⁻¹r_w/n_w. Levenberg damping; a step is kept when it loses no window and lowers the
 loss over those that were followed before it. Where the slope that a step met fell by less than JᵀJ promised, the next one is longer by that
 ratio (the secant equation of Dennis & Moré 1977 along the step).
+
+What is compared is x(θ) + S(θ) z, what is differentiated x(θ): about the start as tracked, whose answer z is large, slopes may have the
+wrong sign. So windows are simulated, and differentiated, from the starts that they ask for with the first fabric.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior, without_nuisances
-from tasks.cloth.shooting import Evidence, Job, Map, follow
+from tasks.cloth.shooting import Evidence, Job, Map, follow, with_nearer_start
 from tasks.cloth.windows import Normals
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
@@ -49,7 +52,7 @@ def refit(
 ) -> BaseFit:
     """Fit `PARAMETERS` from the model of the jobs, all of one model."""
     model, damping, stretch, history = jobs[0].model, DAMPING[0], 1.0, []
-    now = list(run(follow, jobs))
+    jobs, now = about_nearer_starts(jobs, list(run(follow, jobs)), run)
     prior = estimated_prior(now, noise)
     ending = f"stopped after {iterations} iterations"
     for _ in range(iterations):
@@ -83,6 +86,14 @@ def refit(
             damping = DAMPING[DAMPING.index(damping) + 1]
     A, _ = summed(weighed(now, prior), PARAMETERS)
     return BaseFit(model, np.linalg.pinv(A), prior, tuple(now), tuple(history), ending)
+
+
+def about_nearer_starts(jobs: Sequence[Job], found: Sequence[Evidence], run: Map = map) -> tuple[list[Job], list[Evidence]]:
+    """The jobs with the starts that their windows ask for, and the windows followed about these."""
+    nearer = list(run(with_nearer_start, list(zip(jobs, found, strict=True))))
+    others = [k for k, job in enumerate(nearer) if job.start != jobs[k].start]
+    again = dict(zip(others, run(follow, [nearer[k] for k in others]), strict=True))
+    return nearer, [again.get(k, e) for k, e in enumerate(found)]
 
 
 def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evidence], float]) -> float:

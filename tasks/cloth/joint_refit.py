@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from tasks.cloth.base_parameters import with_fabric
-from tasks.cloth.base_refit import DAMPING, STUCK, BaseFit, gain, scaled, unscaled_loss
+from tasks.cloth.base_refit import DAMPING, STUCK, BaseFit, about_nearer_starts, gain, scaled, unscaled_loss
 from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior, without_state
@@ -69,8 +69,8 @@ def refit_jointly(
     Strengths begin at those that the base's model has, zero by default, and stay there where no window can be followed.
     """
     model = replace(base.model, effects=tuple(effects), strengths={e.name: base.model.strength(e) for e in effects})
-    jobs = [replace(job, columns=True) for job in jobs]
-    now = _followed(model, jobs, run)
+    jobs = [replace(job, model=model, columns=True) for job in jobs]
+    jobs, now = about_nearer_starts(jobs, _followed(model, jobs, run), run)
     prior, ending = estimated_prior(now, noise), f"stopped after {iterations} iterations"
     history = [_row(model, now, prior)]
     if not any(e.prediction.complete for e in now):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.nuisances import NUISANCES, Prior, state_names, state_weights
+from tasks.cloth.start_errors import start_variances
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import state_columns
 from tasks.cloth.windows import Normals, Prediction, Recording, Window, normals, predict
@@ -20,7 +21,6 @@ Array = NDArray[np.float64]
 Map = Callable[..., Iterable]
 Start = Mapping[str, float]
 CORRECTED = (1.0, 0.5)  # shares of a start's correction that are tried
-PER_FRAME = 0.5  # of the noise, by which a start's velocity may be off
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Evidence:
 
     The prediction keeps the columns of effects and base parameters; where the job gave a prior, what the start state explains has been
     taken out of them, and out of `residual` [L, V, 3] m (observed minus predicted, NaN where not seen). start: where derivatives were taken
-    (`Job.start`).
+    (`Job.start`); simulated [L + 1, V, 3] m: from there.
     """
 
     prediction: Prediction
@@ -37,6 +37,7 @@ class Evidence:
     residual: Array | None = None
     offsets: Mapping[str, Array] = field(default_factory=dict)
     start: Start = field(default_factory=dict)
+    simulated: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ def follow(job: Job) -> Evidence:
     )
     if not found.complete:
         return follow(replace(job, start={})) if job.start else Evidence(found, Normals((), np.zeros((0, 0)), np.zeros(0), np.nan, 0))
+    simulated = found.x.copy()
     for name, z in job.start.items():
         found.x[1:] -= z * found.columns[name]
     found.columns.update(job.offsets)
@@ -88,7 +90,7 @@ def follow(job: Job) -> Evidence:
     if job.prior is not None:
         residual, found = _without_state_fields(found, equations, residual, job.prior)
     kept = {name: c for name, c in found.columns.items() if name[:2] not in NUISANCES}
-    return Evidence(replace(found, columns=kept), equations, residual, job.offsets, job.start)
+    return Evidence(replace(found, columns=kept), equations, residual, job.offsets, job.start, simulated)
 
 
 def follow_nearer(job: Job) -> Evidence:
@@ -114,27 +116,24 @@ def follow_corrected(job: Job) -> Evidence:
     return replace(first, residual=job.recording.observed[job.window.frames][1:] - x[1:])
 
 
-def likely_start(job: Job) -> Prior:
-    """How far off a start can be: places by the noise, velocities by half of it in a frame, for states are smoothed from places so noisy.
-
-    The prior of the marginal likelihood is wider, by up to 20 times: it has to hold what the model errs by as well. Simulated from where
-    that one leads, cloth goes elsewhere altogether.
-    """
-    noise = float(np.median(job.recording.noise))
-    return Prior(noise, PER_FRAME * noise * job.model.subject.fps)
-
-
 def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
-    """The start state that the derivatives of a followed window ask for, if `likely_start` says how far off it was, and the window
-    simulated from there, [L + 1, V, 3] m.
+    """The start state that the derivatives of a followed window ask for, if errors of tracking say how far off it was
+    (`start_errors.py`), and the window simulated from there, [L + 1, V, 3] m.
 
     Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body.
     Where the simulation fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then
     both stay as they are.
     """
     names = state_names(found.normals.names)
-    asked = state_weights(found.normals, names, [], likely_start(job).variances(names))[:, 0]
+    variances = start_variances(job.recording, job.model.subject, job.φ, names)
+    asked = state_weights(found.normals, names, [], variances)[:, 0]
     return first_nearer(job, dict(zip(names, asked, strict=True)), x)
+
+
+def with_nearer_start(followed: tuple[Job, Evidence]) -> Job:
+    """The job with the start that its derivatives ask for; as it is where it could not be followed."""
+    job, found = followed
+    return replace(job, start=nearer_start(job, found, found.simulated)[0]) if found.prediction.complete else job
 
 
 def first_nearer(job: Job, asked: Start, x: Array) -> tuple[Start, Array]:

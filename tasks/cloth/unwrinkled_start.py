@@ -7,8 +7,7 @@ same strength, for its derivative holds the very wrinkles that the residual hold
 
 So a window is followed with `FINE` modes, and its state moved in those beyond the marginalised ones by the posterior mean
 
-    z = (S_zᵀR⁻¹S_z + P⁻¹)⁻¹ S_zᵀR⁻¹r,    P: errors of tracking in one frame as modes see them, var z_k = Σ_ij w_ki R_ij w_kj, w_ki = φ_ki A_i/ΣA,
-                                           and of velocities `PER_FRAME` of that in a frame
+    z = (S_zᵀR⁻¹S_z + P⁻¹)⁻¹ S_zᵀR⁻¹r,    P: errors of tracking in one frame as modes see them (`start_errors.py`)
 
 A third of a second tells them where one frame did before. S_zᵀ(R + S_z P S_zᵀ)⁻¹r = S_zᵀR⁻¹(r − S_z z): for what is weighed afterwards they
 are all but marginalised; where there are few windows, they are marginalised whole (`without_wrinkles`). Limits: to first order; noise in
@@ -22,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.nuisances import Prior, state_names, state_weights
-from tasks.cloth.shooting import PER_FRAME, Evidence, Job, first_nearer, follow
+from tasks.cloth.shooting import Evidence, Job, first_nearer, follow
+from tasks.cloth.start_errors import mode_of, start_variances
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.windows import Normals, marginalised
 
@@ -39,15 +39,10 @@ def unwrinkled_start(job: Job) -> tuple[Array, Array]:
     found, start = follow(fine), {}
     if found.prediction.complete:
         names = state_names(found.normals.names)
-        asked = state_weights(found.normals, names, [], noise_variances(fine, names))[:, 0]
-        start, _ = first_nearer(fine, {n: z for n, z in zip(names, asked, strict=True) if _mode(n) >= len(job.φ)}, found.prediction.x)
+        asked = state_weights(found.normals, names, [], _variances(fine, names))[:, 0]
+        start, _ = first_nearer(fine, {n: z for n, z in zip(names, asked, strict=True) if mode_of(n) >= len(job.φ)}, found.prediction.x)
     states = replace(fine, start=start).started
     return states.x[job.window.start], states.v[job.window.start]
-
-
-def _mode(name: str) -> int:
-    """Of a column: "x 57 y" is of mode 57."""
-    return int(name.split()[1])
 
 
 def without_wrinkles(job: Job, found: Evidence, prior: Prior, modes: int) -> Normals:
@@ -55,14 +50,9 @@ def without_wrinkles(job: Job, found: Evidence, prior: Prior, modes: int) -> Nor
     as noise leaves them.
     """
     names = state_names(found.normals.names)
-    smooth = np.array([_mode(name) < modes for name in names])
-    return marginalised(found.normals, names, np.where(smooth, prior.variances(names), noise_variances(job, names)))
+    smooth = np.array([mode_of(name) < modes for name in names])
+    return marginalised(found.normals, names, np.where(smooth, prior.variances(names), _variances(job, names)))
 
 
-def noise_variances(job: Job, names: Sequence[str]) -> Array:
-    """What errors of tracking in one frame leave of the coefficients [Z]: places [m²], velocities [m²/s²]."""
-    cloth, fps, correlation = job.model.subject.cloth, job.model.subject.fps, job.recording.correlation
-    w = job.φ * cloth.vertex_areas / cloth.vertex_areas.sum()
-    R = correlation.shared(cloth.x_rest) + (1 - correlation.share) * np.eye(w.shape[1])
-    places = np.median(job.recording.noise) ** 2 * np.sum((w @ R) * w, 1)
-    return np.array([places[_mode(n)] * (1.0 if n.startswith("x ") else (PER_FRAME * fps) ** 2) for n in names])
+def _variances(job: Job, names: Sequence[str]) -> Array:
+    return start_variances(job.recording, job.model.subject, job.φ, names)

@@ -53,7 +53,7 @@ DISPLACEMENTS = np.geomspace(1.5e-3, 6e-2, 20)  # [m], of causes worth a name
 MOST = (-2.0, 3.0)
 MOST_NAMED = (-3.0, 12.0)  # of a hypothesis' own factor
 LEAVES = 0.8  # standard deviation of log ratio² that a cause may leave, for another may stand beside it
-STARTING = 12  # modes in which the start of a replay may be wrong
+STARTING = 40  # modes in which the start of a replay may be wrong
 
 
 @dataclass(frozen=True)

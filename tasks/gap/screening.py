@@ -12,10 +12,10 @@ from tasks.cloth.base_refit import BaseFit, refit
 from tasks.cloth.likeliest_errors import estimated_correlation, estimated_prior
 from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import corrected, offsets, with_tangents
-from tasks.cloth.shooting import Evidence, Job, Map, Start, follow, nearer_start
+from tasks.cloth.shooting import Evidence, Job, Map, Start, follow, with_nearer_start
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
-from tasks.cloth.windows import Normals
+from tasks.cloth.windows import Normals, predict
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model
 from tasks.gap.feigned import feigned, mesh_doubt, without_doubts
@@ -108,8 +108,9 @@ def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
     freed of the body by every mesh in its own way, which would be taken for what the mesh does to the motion.
     """
     todo, found = job
-    x = found.prediction.x
-    return nearer_start(todo, found, x)[0], offsets(todo, x)
+    own = predict(todo.model, todo.recording, todo.window, todo.states)
+    start = with_nearer_start((replace(todo, start=found.start), found)).start
+    return start, offsets(todo, own.x) if own.complete else {}
 
 
 def compress(evidence: Sequence[Evidence], prior: Prior, effects: Sequence[Effect], doubt: MeshDoubt = CERTAIN) -> Windows:

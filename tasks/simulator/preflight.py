@@ -16,6 +16,7 @@ from tasks.geometry.faults import Fault
 from tasks.geometry.meshes import vertex_normals
 from tasks.simulator.cloth import Cloth, Collider
 from tasks.simulator.contact_friction import ContactFriction
+from tasks.simulator.contact_surface import ContactSurface
 from tasks.simulator.gravity import Gravity
 from tasks.simulator.newton import CONVERGED, Problem, solve
 from tasks.simulator.potential import Step
@@ -79,7 +80,7 @@ def _blocked(problem: Problem, x: Array, collider_x: Array) -> bool:
     surface = problem.surface
     X = surface.join(x, collider_x)
     surface.forget()
-    return surface.intersects(X) or surface.least_distance(X) < surface.offset + NEAREST * surface.barrier_distance
+    return surface.intersects(X) or surface.least_distance(X) < _least(surface)
 
 
 def _drawn_in(problem: Problem, collider: Collider, x: Array, collider_x: Array) -> Array | None:
@@ -98,6 +99,7 @@ def _drawn_in(problem: Problem, collider: Collider, x: Array, collider_x: Array)
             return small
         X = surface.join(x, small)
         touched = [np.concatenate(pair) for pair in _crossings(problem, X)] or [np.flatnonzero(signed_distance(x, small, faces) < clear)]
+        touched += _too_near(problem, X)  # edges may meet where every vertex is clear
         places = X[np.unique(np.concatenate(touched))]
         _demand(depth, collider, collider_x, places, np.full(len(places), 1.3 * depth.max() + 2 * clear))
     return None
@@ -126,6 +128,22 @@ def _crossings(problem: Problem, X: Array) -> list[tuple[NDArray, NDArray]]:
         if not np.intersect1d(e, f).size and ipctk.is_edge_intersecting_triangle(X[e[0]], X[e[1]], X[f[0]], X[f[1]], X[f[2]]):
             found.append((e, f))
     return found
+
+
+def _too_near(problem: Problem, X: Array) -> list[NDArray]:
+    """Vertices of each pair that is nearer at X than a start may be."""
+    surface, found = problem.surface, []
+    near = surface.pairs(X)
+    for pair in (*near.vv_collisions, *near.ev_collisions, *near.ee_collisions, *near.fv_collisions):
+        ids = np.array([i for i in pair.vertex_ids(surface.mesh.edges, surface.mesh.faces) if i >= 0])
+        if pair.compute_distance(X[ids].ravel()) < _least(surface) ** 2:
+            found.append(ids)
+    return found
+
+
+def _least(surface: ContactSurface) -> float:
+    """Distance [m] that a start must have."""
+    return surface.offset + NEAREST * surface.barrier_distance
 
 
 def _describe(cloth: Cloth, collider: Collider, X: Array, edge: NDArray, face: NDArray) -> Fault:

@@ -15,7 +15,7 @@ from tasks.cloth.joint_refit import UNFOLLOWED, CompletedFit, refit_jointly
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.nuisances import Prior
 from tasks.cloth.scene import replay
-from tasks.cloth.shooting import Evidence
+from tasks.cloth.shooting import Evidence, Job, with_nearer_start
 from tasks.cloth.windowed_fit import Windowed, fit_windows
 from tasks.cloth.windows import Normals, Prediction, Window, smooth
 from tasks.effects.effect import Motion, Subject
@@ -88,7 +88,12 @@ def test_it_begins_at_the_strengths_that_the_base_has(given):
 def test_where_no_window_can_be_followed_it_stays_and_says_so(windows):
     own = model(panel(3, frames=4), effects=())
     base = BaseFit(own, np.eye(2), Prior(1e-3, 1e-2), (), (), "converged")
-    found = refit_jointly(base, [], [DRAG], noise=NOISE, iterations=3, run=lambda follow, jobs: windows)
+    jobs = [Job(own, None, each.prediction.window, None, np.zeros((0, 9))) for each in windows]
+
+    def run(what, todo):
+        return [job for job, _ in todo] if what is with_nearer_start else windows[: len(todo)]
+
+    found = refit_jointly(base, jobs, [DRAG], noise=NOISE, iterations=3, run=run)
     assert found.ending == UNFOLLOWED and found.model.strength(DRAG) == own.strength(DRAG)
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from tasks.cloth.nuisances import Prior
 from tasks.cloth.shooting import Evidence, Job, follow
+from tasks.cloth.start_errors import start_variances
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.unwrinkled_start import noise_variances, unwrinkled_start, without_wrinkles
+from tasks.cloth.unwrinkled_start import unwrinkled_start, without_wrinkles
 from tasks.cloth.windows import Normals, Prediction, Window, predict
 from tests.cloth.test_windows import swung
 
@@ -63,7 +64,7 @@ def test_a_wrinkle_that_bends_leaves_of_bending_what_noise_does_not_feign(noisy,
     equations = Normals(names, np.full((2, 2), G), np.zeros(2), 0.0, 100)
     found = Evidence(Prediction(job.window, np.zeros(0), {}, "", 0), equations)
     left = without_wrinkles(fine, found, prior, modes)
-    s = 2e-3 if mode < modes else float(np.sqrt(noise_variances(fine, names[:1])[0]))
+    s = 2e-3 if mode < modes else float(np.sqrt(start_variances(fine.recording, fine.model.subject, fine.φ, names[:1])[0]))
     assert left.names == ("log_bending",) and 1e-5 < s < NOISE * 2.1
     assert left.G[0, 0] == pytest.approx(G / (1 + G * s**2))
 

@@ -8,10 +8,11 @@ import pytest
 
 from tasks.cloth import base_refit
 from tasks.cloth import windows as cloth_windows
-from tasks.cloth.base_parameters import PARAMETERS, with_fabric
+from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
 from tasks.cloth.base_refit import STUCK, refit, stretch_of
+from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior
-from tasks.cloth.shooting import Job, follow, follow_corrected, follow_nearer, likely_start, nearer_start
+from tasks.cloth.shooting import Job, follow, follow_corrected, follow_nearer, nearer_start, with_nearer_start
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.tracking_noise import Correlation
@@ -27,6 +28,7 @@ from tests.simulator.scenes import sheet
 LIBRARY = library()
 FPS = 30.0
 FABRIC = Fabric(450.0, 6.0, 150.0)
+OF_NOISE = Prior(1e-3 / 7, 0.5e-3 / 7 * FPS)  # what white errors of a millimetre at 49 vertices leave of a mode
 
 
 def swung(T: int, *, fabric=FABRIC, noise=0.0, seed=0):
@@ -218,10 +220,10 @@ def test_what_the_start_explains_is_taken_out_of_residual_and_columns(panel):
 def test_where_tangents_hold_a_corrected_start_leaves_what_they_say(panel):
     model, recording, x, v = panel
     φ = smooth_modes(model.subject.cloth, 6)
-    off = States(x + 1e-3 * φ[0][:, None], v, "converged")
-    job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ, prior=Prior(1e-3, 0.01))
+    off = States(x + 3e-4 * φ[0][:, None], v, "converged")
+    job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ, prior=OF_NOISE)
     raw, linear, again = (np.linalg.norm(e.residual) for e in (follow(replace(job, prior=None)), follow(job), follow_corrected(job)))
-    assert linear < 0.2 * raw and again < 1.2 * linear, (raw, linear, again)
+    assert linear < 0.6 * raw and again < 1.2 * linear, (raw, linear, again)
 
 
 def test_derivatives_about_another_start_tell_of_the_same_states(panel):
@@ -241,12 +243,11 @@ def test_derivatives_about_another_start_tell_of_the_same_states(panel):
 def test_the_nearer_start_is_as_near_as_derivatives_say(panel):
     model, recording, x, v = panel
     φ = smooth_modes(model.subject.cloth, 6)
-    off = States(x + 1e-3 * φ[0][:, None], v, "converged")
+    off = States(x + 3e-4 * φ[0][:, None], v, "converged")
     job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ)
-    assert likely_start(job) == Prior(1e-3, 0.5e-3 * FPS)
-    found, linear = follow(job), follow(replace(job, prior=likely_start(job)))
+    found, linear = follow(job), follow(replace(job, prior=OF_NOISE))
     start, nearer = nearer_start(job, found, found.prediction.x)
-    assert start and np.linalg.norm(x[9:13] - nearer[1:]) < 1.2 * np.linalg.norm(linear.residual) < 0.3 * np.linalg.norm(found.residual)
+    assert start and np.linalg.norm(x[9:13] - nearer[1:]) < 1.2 * np.linalg.norm(linear.residual) < 0.7 * np.linalg.norm(found.residual)
     assert nearer_start(job, found, x[8:13]) == ({}, pytest.approx(x[8:13]))  # nothing is nearer than what was seen
 
 
@@ -313,6 +314,26 @@ def test_a_start_inside_the_body_explains_nothing(panel):
     job = Job(model, before, Window(0, 0, 4), States(x, v, "converged"), φ, prior=Prior(0.1, 0.01))
     linear, again = (np.sqrt(np.mean(np.sum(follows(job).residual ** 2, -1))) for follows in (follow, follow_corrected))
     assert linear < 1e-3 and again > 3e-3, (linear, again)
+
+
+@pytest.mark.parametrize("fabric", [Fabric(450.0, 12.0, 300.0), Fabric(450.0, 3.0, 300.0)])
+def test_slopes_about_nearer_starts_are_nearer_to_those_of_the_loss(fabric, monkeypatch):
+    """About the start as tracked, with 3 mm of noise, the second fabric's slope in ln κ_b has the wrong sign."""
+    noise, h = 3e-3, 0.02
+    model, recording, *_ = swung(25, noise=noise)
+    wrong, told, met = with_fabric(model, fabric), [], []
+    found, φ = states(wrong, recording.motion, recording.observed, noise), smooth_modes(model.subject.cloth, 20)
+    todo = [Job(wrong, recording, w, found, φ) for w in windows([recording], FPS, 0.33)]
+    for nearer in (lambda each: each[0], with_nearer_start):
+        monkeypatch.setattr(base_refit, "with_nearer_start", nearer)
+        jobs, now = base_refit.about_nearer_starts(todo, list(map(follow, todo)))
+        prior = estimated_prior(now, noise)
+        told.append(-2 * base_refit.summed(base_refit.weighed(now, prior), PARAMETERS)[1])
+        ways = [with_fabric(wrong, moved(fabric, step)[0]) for step in h * np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])]
+        losses = [-base_refit.nearer_by(now, [follow(replace(job, model=way)) for job in jobs], prior) for way in ways]
+        met.append(np.array([losses[1] - losses[0], losses[3] - losses[2]]) / (2 * h))
+    off = [np.linalg.norm(a - b) for a, b in zip(told, met, strict=True)]
+    assert off[1] < 0.6 * off[0], (told, met)
 
 
 def test_the_refit_finds_the_ratios_of_a_twin():

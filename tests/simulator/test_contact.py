@@ -47,6 +47,17 @@ def test_cloth_pressed_onto_a_body_goes_on_from_where_it_lies(height, moved):
     assert not any(crosses(f, cloth, ground_faces) for f in frames)
 
 
+@pytest.mark.parametrize("height", [3e-6, -1e-3])
+def test_an_edge_that_lies_across_a_ridge_is_freed_though_every_vertex_is_clear(height):
+    """No vertex of either is near the other; at 3 µm nothing crosses either."""
+    ridge = np.array([[0, 0, -0.5], [0, 0, 0.5], [-0.5, -0.5, -0.5], [-0.5, -0.5, 0.5], [0.5, -0.5, -0.5], [0.5, -0.5, 0.5]])
+    sides = np.array([[0, 3, 1], [0, 2, 3], [0, 1, 5], [0, 5, 4], [2, 4, 5], [2, 5, 3], [0, 4, 2], [1, 3, 5]], np.int32)
+    x = np.array([[-0.1, 0, 0], [0.1, 0, 0], [0, 0.1, 0.1]]) + (0, height, 0)
+    cloth = Cloth(x, np.array([[0, 1, 2]], np.int32))
+    frames = run(cloth, Fabric(), still(2, cloth, (ridge, sides)))
+    assert frames[0].moved > 0 and not crosses(frames[0], cloth, sides)
+
+
 def test_start_that_crosses_is_described():
     x, faces = sheet(16, 16, length=0.6, width=0.6)
     ball = sphere(3, 0.1)
