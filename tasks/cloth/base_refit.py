@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior, without_nuisances
-from tasks.cloth.shooting import Evidence, Job, Map, follow, with_nearer_start
+from tasks.cloth.shooting import Evidence, Job, Map, about_nearer_start, follow
 from tasks.cloth.windows import Normals
 from tasks.effects.model import Model
 from tasks.simulator import Fabric
@@ -90,10 +90,8 @@ def refit(
 
 def about_nearer_starts(jobs: Sequence[Job], found: Sequence[Evidence], run: Map = map) -> tuple[list[Job], list[Evidence]]:
     """The jobs with the starts that their windows ask for, and the windows followed about these."""
-    nearer = list(run(with_nearer_start, list(zip(jobs, found, strict=True))))
-    others = [k for k, job in enumerate(nearer) if job.start != jobs[k].start]
-    again = dict(zip(others, run(follow, [nearer[k] for k in others]), strict=True))
-    return nearer, [again.get(k, e) for k, e in enumerate(found)]
+    nearer = list(run(about_nearer_start, list(zip(jobs, found, strict=True))))
+    return [job for job, _ in nearer], [evidence for _, evidence in nearer]
 
 
 def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evidence], float]) -> float:

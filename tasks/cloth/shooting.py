@@ -3,7 +3,7 @@
 Source: as `windows.py`. The start state is not fitted but marginalised (`nuisances.py`).
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -124,27 +124,46 @@ def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
     Where the simulation fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then
     both stay as they are.
     """
-    names = state_names(found.normals.names)
-    variances = start_variances(job.recording, job.model.subject, job.φ, names)
-    asked = state_weights(found.normals, names, [], variances)[:, 0]
-    return first_nearer(job, dict(zip(names, asked, strict=True)), x)
+    return first_nearer(job, _asked(job, found), x)
 
 
-def with_nearer_start(followed: tuple[Job, Evidence]) -> Job:
-    """The job with the start that its derivatives ask for; as it is where it could not be followed."""
+def about_nearer_start(followed: tuple[Job, Evidence]) -> tuple[Job, Evidence]:
+    """The job with the start that its derivatives ask for, or half-way to it, and the window followed about that; both as they are where
+    neither comes nearer.
+    """
     job, found = followed
-    return replace(job, start=nearer_start(job, found, found.simulated)[0]) if found.prediction.complete else job
+    if found.prediction.complete:
+        for start in _towards(job, _asked(job, found)):
+            again = follow(replace(job, start=start))
+            if again.start and _comes_nearer(job, again.simulated, found.simulated):
+                return replace(job, start=start), again
+    return job, found
 
 
 def first_nearer(job: Job, asked: Start, x: Array) -> tuple[Start, Array]:
     """The start asked for, or half-way to it, and the window simulated from there; `job.start` and x [L + 1, V, 3] m where neither comes nearer than x."""
-    observed, now = job.recording.observed[job.window.frames][1:], {name: job.start.get(name, 0.0) for name in asked}
-    for share in CORRECTED:
-        tried = replace(job, start={name: now[name] + share * (z - now[name]) for name, z in asked.items()})
-        again = predict(job.model, job.recording, job.window, tried.started)
-        if again.complete and np.nansum((observed - again.x[1:]) ** 2) < np.nansum((observed - x[1:]) ** 2):
-            return tried.start, again.x
+    for start in _towards(job, asked):
+        again = predict(job.model, job.recording, job.window, replace(job, start=start).started)
+        if again.complete and _comes_nearer(job, again.x, x):
+            return start, again.x
     return job.start, x
+
+
+def _asked(job: Job, found: Evidence) -> Start:
+    names = state_names(found.normals.names)
+    variances = start_variances(job.recording, job.model.subject, job.φ, names)
+    return dict(zip(names, state_weights(found.normals, names, [], variances)[:, 0], strict=True))
+
+
+def _towards(job: Job, asked: Start) -> Iterator[Start]:
+    now = {name: job.start.get(name, 0.0) for name in asked}
+    return ({name: now[name] + share * (z - now[name]) for name, z in asked.items()} for share in CORRECTED)
+
+
+def _comes_nearer(job: Job, x: Array, than: Array) -> bool:
+    """Whether x [L + 1, V, 3] m lies nearer to what was seen."""
+    observed = job.recording.observed[job.window.frames][1:]
+    return bool(np.nansum((observed - x[1:]) ** 2) < np.nansum((observed - than[1:]) ** 2))
 
 
 def _without_state_fields(found: Prediction, n: Normals, residual: Array, prior: Prior) -> tuple[Array, Prediction]:

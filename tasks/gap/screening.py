@@ -12,7 +12,7 @@ from tasks.cloth.base_refit import BaseFit, refit
 from tasks.cloth.likeliest_errors import estimated_correlation, estimated_prior
 from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import corrected, offsets, with_tangents
-from tasks.cloth.shooting import Evidence, Job, Map, Start, follow, with_nearer_start
+from tasks.cloth.shooting import Evidence, Job, Map, Start, follow, nearer_start
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import Normals, predict
@@ -109,7 +109,7 @@ def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
     """
     todo, found = job
     own = predict(todo.model, todo.recording, todo.window, todo.states)
-    start = with_nearer_start((replace(todo, start=found.start), found)).start
+    start, _ = nearer_start(replace(todo, start=found.start), found, found.simulated)
     return start, offsets(todo, own.x) if own.complete else {}
 
 

@@ -15,7 +15,7 @@ from tasks.cloth.joint_refit import UNFOLLOWED, CompletedFit, refit_jointly
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.nuisances import Prior
 from tasks.cloth.scene import replay
-from tasks.cloth.shooting import Evidence, Job, with_nearer_start
+from tasks.cloth.shooting import Evidence, Job, about_nearer_start
 from tasks.cloth.windowed_fit import Windowed, fit_windows
 from tasks.cloth.windows import Normals, Prediction, Window, smooth
 from tasks.effects.effect import Motion, Subject
@@ -91,7 +91,7 @@ def test_where_no_window_can_be_followed_it_stays_and_says_so(windows):
     jobs = [Job(own, None, each.prediction.window, None, np.zeros((0, 9))) for each in windows]
 
     def run(what, todo):
-        return [job for job, _ in todo] if what is with_nearer_start else windows[: len(todo)]
+        return todo if what is about_nearer_start else windows
 
     found = refit_jointly(base, jobs, [DRAG], noise=NOISE, iterations=3, run=run)
     assert found.ending == UNFOLLOWED and found.model.strength(DRAG) == own.strength(DRAG)

@@ -12,7 +12,7 @@ from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.base_refit import BaseFit, refit
 from tasks.cloth.joint_refit import refit_jointly
 from tasks.cloth.nuisances import Prior
-from tasks.cloth.shooting import Evidence, Job, with_nearer_start
+from tasks.cloth.shooting import Evidence, Job, about_nearer_start
 from tasks.cloth.start_state import States
 from tasks.cloth.windows import Normals, Prediction, Recording, Window
 from tasks.effects.effect import Motion, Subject
@@ -30,10 +30,8 @@ class Foretold:
     after: tuple[float | None, ...]
 
     def __call__(self, what, jobs):
-        if what is with_nearer_start:
-            return [job for job, _ in jobs]
-        if not jobs:
-            return []
+        if what is about_nearer_start:
+            return jobs
         at_start = jobs[0].model.subject.fabric == TRUTH
         return [evidence(job.window, misfit) for job, misfit in zip(jobs, BEFORE if at_start else self.after, strict=True)]
 

@@ -12,7 +12,7 @@ from tasks.cloth.base_parameters import PARAMETERS, moved, with_fabric
 from tasks.cloth.base_refit import STUCK, refit, stretch_of
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior
-from tasks.cloth.shooting import Job, follow, follow_corrected, follow_nearer, nearer_start, with_nearer_start
+from tasks.cloth.shooting import Job, about_nearer_start, follow, follow_corrected, follow_nearer, nearer_start
 from tasks.cloth.start_state import States, derivative, filled, shrunken, states, told_by_two
 from tasks.cloth.state_modes import smooth_modes, state_columns
 from tasks.cloth.tracking_noise import Correlation
@@ -324,8 +324,8 @@ def test_slopes_about_nearer_starts_are_nearer_to_those_of_the_loss(fabric, monk
     wrong, told, met = with_fabric(model, fabric), [], []
     found, φ = states(wrong, recording.motion, recording.observed, noise), smooth_modes(model.subject.cloth, 20)
     todo = [Job(wrong, recording, w, found, φ) for w in windows([recording], FPS, 0.33)]
-    for nearer in (lambda each: each[0], with_nearer_start):
-        monkeypatch.setattr(base_refit, "with_nearer_start", nearer)
+    for nearer in (lambda each: each, about_nearer_start):
+        monkeypatch.setattr(base_refit, "about_nearer_start", nearer)
         jobs, now = base_refit.about_nearer_starts(todo, list(map(follow, todo)))
         prior = estimated_prior(now, noise)
         told.append(-2 * base_refit.summed(base_refit.weighed(now, prior), PARAMETERS)[1])

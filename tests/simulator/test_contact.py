@@ -52,7 +52,7 @@ def test_an_edge_that_lies_across_a_ridge_is_freed_though_every_vertex_is_clear(
     """No vertex of either is near the other; at 3 µm nothing crosses either."""
     ridge = np.array([[0, 0, -0.5], [0, 0, 0.5], [-0.5, -0.5, -0.5], [-0.5, -0.5, 0.5], [0.5, -0.5, -0.5], [0.5, -0.5, 0.5]])
     sides = np.array([[0, 3, 1], [0, 2, 3], [0, 1, 5], [0, 5, 4], [2, 4, 5], [2, 5, 3], [0, 4, 2], [1, 3, 5]], np.int32)
-    x = np.array([[-0.1, 0, 0], [0.1, 0, 0], [0, 0.1, 0.1]]) + (0, height, 0)
+    x = np.array([[-0.1, height, 0], [0.1, height, 0], [0, 0.1 + height, 0.1]])
     cloth = Cloth(x, np.array([[0, 1, 2]], np.int32))
     frames = run(cloth, Fabric(), still(2, cloth, (ridge, sides)))
     assert frames[0].moved > 0 and not crosses(frames[0], cloth, sides)
