@@ -17,15 +17,15 @@ from tests.cloth.test_windows import FABRIC, swung
 from tests.gap.test_gathered import data
 
 
-def test_a_start_that_was_moved_has_no_part_in_what_another_mesh_does():
+@pytest.mark.parametrize("followed_from", [{}, {"x 0 x": 2e-3, "v 1 z": 0.1}])
+def test_a_start_that_was_moved_has_no_part_in_what_another_mesh_does(followed_from):
     model, recording, x, v = swung(12)
     φ = smooth_modes(model.subject.cloth, 6)
     off = States(x + 1e-3 * φ[0][:, None], v, "converged")
     job = Job(model, recording, Window(0, 4, 4), off, φ)
-    found = follow(job)
-    start, changed = _otherwise((job, found))
+    start, changed = _otherwise((job, follow(replace(job, start=followed_from))))
     assert start and max(map(abs, start.values())) > 1e-5
-    expected = offsets(job, found.prediction.x, (MESH,))
+    expected = offsets(job, follow(job).prediction.x, (MESH,))
     np.testing.assert_array_equal(changed[MESH.name], expected[MESH.name])
     assert np.abs(changed[MESH.name]).max() > 1e-6
 
