@@ -97,7 +97,7 @@ def follow_nearer(job: Job) -> Evidence:
     """The window followed with its derivatives taken about the start that they ask for (`nearer_start`), whatever `job.start` is."""
     plain = replace(job, columns=False, forced=False, offsets={}, start={})
     found = follow(plain)
-    start = nearer_start(plain, found, found.prediction.x)[0] if found.prediction.complete else {}
+    start = nearer_start(plain, found)[0] if found.prediction.complete else {}
     return follow(replace(job, start=start))
 
 
@@ -109,22 +109,21 @@ def follow_corrected(job: Job) -> Evidence:
     first = follow(job)
     if not first.prediction.complete:
         return first
-    start, x = nearer_start(job, first, first.prediction.x)
+    start, x = nearer_start(job, first)
     if start:
         nearer = replace(job, start=start)
-        _, x = nearer_start(nearer, follow(nearer), x)
+        _, x = nearer_start(nearer, follow(nearer))
     return replace(first, residual=job.recording.observed[job.window.frames][1:] - x[1:])
 
 
-def nearer_start(job: Job, found: Evidence, x: Array) -> tuple[Start, Array]:
+def nearer_start(job: Job, found: Evidence) -> tuple[Start, Array]:
     """The start state that the derivatives of a followed window ask for, if errors of tracking say how far off it was
     (`start_errors.py`), and the window simulated from there, [L + 1, V, 3] m.
 
     Derivatives do not know that contact stops cloth: a start corrected along them may lie where no cloth can be, and is freed of the body.
-    Where the simulation fails or comes no nearer than x [L + 1, V, 3] m, simulated from `job.start`, half the correction is tried; then
-    both stay as they are.
+    Where the simulation fails or comes no nearer than that from `job.start`, half the correction is tried; then both stay as they are.
     """
-    return first_nearer(job, _asked(job, found), x)
+    return first_nearer(job, _asked(job, found), found.simulated)
 
 
 def about_nearer_start(followed: tuple[Job, Evidence]) -> tuple[Job, Evidence]:

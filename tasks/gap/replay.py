@@ -253,7 +253,7 @@ def _well_started(job: Job) -> Job:
     found = follow(first)
     if not found.prediction.complete:
         return job
-    start, _ = nearer_start(first, found, found.prediction.x)
+    start, _ = nearer_start(first, found)
     return replace(job, states=replace(first, start=start).started)
 
 

@@ -109,7 +109,7 @@ def _otherwise(job: tuple[Job, Evidence]) -> tuple[Start, dict[str, Array]]:
     """
     todo, found = job
     own = predict(todo.model, todo.recording, todo.window, todo.states)
-    start, _ = nearer_start(replace(todo, start=found.start), found, found.simulated)
+    start, _ = nearer_start(replace(todo, start=found.start), found)
     return start, offsets(todo, own.x) if own.complete else {}
 
 

@@ -44,7 +44,7 @@ def test_a_start_is_nearer_the_truth_than_one_that_every_mode_may_err_by_the_noi
     for t in (5, 12, 19):
         job = Job(model, recording, Window(0, t, LENGTH), found, φ)
         followed = follow(job)
-        start, _ = nearer_start(job, followed, followed.prediction.x)
+        start, _ = nearer_start(job, followed)
         names = state_names(followed.normals.names)
         wide = state_weights(followed.normals, names, [], Prior(NOISE, PER_FRAME * NOISE * FPS).variances(names))[:, 0]
         for how, z in (("as errors are", start), ("as wide as noise", dict(zip(names, wide, strict=True)))):

@@ -246,9 +246,9 @@ def test_the_nearer_start_is_as_near_as_derivatives_say(panel):
     off = States(x + 3e-4 * φ[0][:, None], v, "converged")
     job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ)
     found, linear = follow(job), follow(replace(job, prior=OF_NOISE))
-    start, nearer = nearer_start(job, found, found.prediction.x)
+    start, nearer = nearer_start(job, found)
     assert start and np.linalg.norm(x[9:13] - nearer[1:]) < 1.2 * np.linalg.norm(linear.residual) < 0.7 * np.linalg.norm(found.residual)
-    assert nearer_start(job, found, x[8:13]) == ({}, pytest.approx(x[8:13]))  # nothing is nearer than what was seen
+    assert nearer_start(job, replace(found, simulated=x[8:13])) == ({}, pytest.approx(x[8:13]))  # nothing is nearer than what was seen
 
 
 def test_a_start_asked_for_anew_forgets_the_one_that_other_states_asked_for(panel):
@@ -257,7 +257,7 @@ def test_a_start_asked_for_anew_forgets_the_one_that_other_states_asked_for(pane
     φ = smooth_modes(model.subject.cloth, 6)
     off = States(x + 1e-3 * φ[0][:, None], v, "converged")
     job = Job(model, replace(recording, observed=x), Window(0, 8, 4), off, φ, prior=Prior(1e-3, 0.01))
-    asked = nearer_start(job, follow(job), follow(job).prediction.x)[0]
+    asked = nearer_start(job, follow(job))[0]
     others = replace(job, start={"x 0 x": 0.02, "v 1 z": 0.4})
     plain, kept, anew = (np.linalg.norm(f(j).residual) for f, j in ((follow, job), (follow, others), (follow_nearer, others)))
     assert follow_nearer(others).start == pytest.approx(asked)
