@@ -79,6 +79,11 @@ def on_finer_mesh(model: Model) -> Model:
     return otherwise(model, MESH)
 
 
+def finer_computed(model: Model) -> Model:
+    """The model on the finer mesh and at half the step: what windows are corrected towards."""
+    return model.joined(FINER, {way.name: way.typical for way in FINER})
+
+
 def corrected(n: Normals) -> Normals:
     """Normal equations with the columns of numerics taken at their means and integrated out; as they are where there are none."""
     δ = finer_shift(n.names)

@@ -1,28 +1,46 @@
-"""Blind prediction: what it starts from."""
+"""Blind prediction: what it starts from, and how it is computed."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flows import gap
+from tasks.cloth.numerics import finer_computed
+from tasks.cloth.start_state import States
+from tasks.cloth.windows import Window, predict
 from tasks.effects.library import library
+from tasks.gap import blind
 from tasks.gap.blind import held, predicted
 from tasks.gap.residual import rms_mm
+from tasks.simulator.newton import CONVERGED
 from tests.cloth.test_windows import swung
 
 
-def test_noise_in_two_frames_hardly_reaches_the_prediction():
-    """A prediction of the recording's own model, from two frames with 1 mm of noise: beyond the start it stays within a few times that."""
-    model, recording, true, _ = swung(25, noise=1e-3)
-    x = predicted(model, recording)
-    assert rms_mm(x[2:] - true[2:]) < 4.0
-    assert rms_mm(x[2:] - recording.observed[1]) > 20.0  # it moves
+def finer_twin(frames, noise):
+    """A panel and its recording by the finer computation; both motions [T, V, 3], as that and as the given mesh make it."""
+    model, recording, x, v = swung(frames)
+    still, whole = States(x, v, CONVERGED), Window(0, 0, frames - 1)
+    true, coarse = (predict(m, recording, whole, still).x[:, : x.shape[1]] for m in (finer_computed(model), model))
+    ε = noise * np.random.default_rng(0).standard_normal(true.shape)
+    return model, replace(recording, observed=true + ε, noise=np.full(true.shape[:2], max(noise, 1e-4))), true, coarse
 
 
-def test_without_noise_the_prediction_is_the_recording():
-    model, recording, true, _ = swung(13)
-    assert rms_mm(predicted(model, recording)[2:] - true[2:]) < 2.5
+@pytest.mark.parametrize(("noise", "least"), [(0.0, 1.0), (1e-3, 2.5)])
+def test_what_the_finer_computation_does_is_predicted(noise, least):
+    """By the recording's own model from two frames; the given mesh would part from it by more than twice that."""
+    model, recording, true, coarse = finer_twin(25, noise)
+    assert rms_mm(predicted(model, recording)[2:] - true[2:]) < least
+    assert rms_mm(coarse[2:] - true[2:]) > 4.0
+    assert rms_mm(true[2:] - true[1]) > 20.0  # it moves
+
+
+@pytest.mark.parametrize(("reached", "finer"), [(3, False), (7, False), (9, True)])
+def test_the_given_mesh_predicts_where_the_finer_one_ends_the_earlier(monkeypatch, reached, finer):
+    model, recording, *_ = swung(9)
+    monkeypatch.setattr(blind, "_run", lambda m, *_: np.full((reached if m.effects else 8, 60, 3), float(len(m.effects))))
+    assert np.unique(predicted(model, recording)).tolist() == [float(len(finer_computed(model).effects)) if finer else 0.0]
 
 
 @pytest.mark.parametrize("name", ["fabric_rest_scale", "observation_scale"])
