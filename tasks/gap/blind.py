@@ -14,7 +14,7 @@ from tasks.cloth.start_state import filled, states, told_by_two
 from tasks.cloth.windows import Recording, smooth
 from tasks.cloth.yielded_collider import yielded_everywhere
 from tasks.effects.effect import Motion
-from tasks.effects.model import Drive, Model
+from tasks.effects.model import Model
 
 Array = NDArray[np.float64]
 
@@ -24,16 +24,16 @@ GIVEN = 2  # frames
 def predicted(model: Model, recording: Recording) -> Array:
     """x [T, V, 3] m from frame 0 on; fewer frames where the simulation ends early."""
     model, recording = recording.scene(model), yielded_everywhere(recording, model)
-    drive = model.drive(recording.motion)
-    start = _start(model, recording.cut(slice(0, GIVEN)), drive.motion.cut(slice(0, GIVEN)))
-    x = _run(finer_computed(model), drive, *start)
+    start = _start(model, recording)
+    x = _run(finer_computed(model), recording.motion, *start)
     if len(x) < len(recording):
-        x = max(x, _run(model, drive, *start), key=len)
+        x = max(x, _run(model, recording.motion, *start), key=len)
     return model.observed(x[:, : recording.observed.shape[1]])
 
 
-def _start(model: Model, first: Recording, motion: Motion) -> tuple[Array, Array]:
-    """x [V, 3] m and v [V, 3] m/s that the first frames, driven by `motion`, tell."""
+def _start(model: Model, recording: Recording) -> tuple[Array, Array]:
+    """x [V, 3] m and v [V, 3] m/s that the first frames tell."""
+    first, motion = recording.cut(slice(0, GIVEN)), model.driven(recording.motion).cut(slice(0, GIVEN))
     subject, noise = model.subject, float(np.median(first.noise))
     found = states(_unwatched(model), motion, first.observed, noise)
     seen, _ = filled(first.observed, subject.cloth.faces)
@@ -44,9 +44,9 @@ def _start(model: Model, first: Recording, motion: Motion) -> tuple[Array, Array
     return x0, told_by_two(*(subject.fps * d for d in between), subject.cloth, subject.fps, noise)
 
 
-def _run(model: Model, drive: Drive, x0: Array, v0: Array) -> Array:
-    """x [T, V, 3] m of recorded frames, from step to step of a motion smooth between them."""
-    settings, n = model.settings, model.settings.substeps
+def _run(model: Model, motion: Motion, x0: Array, v0: Array) -> Array:
+    """x [T, V, 3] m at the frames of a recorded motion, which is smooth between them."""
+    drive, settings, n = model.drive(motion), model.settings, model.settings.substeps
     fine = replace(model, settings=replace(settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
     return np.stack([f.x for f in fine.run_along(drive.each(lambda motion: smooth(motion, n)), x0, v0)][::n])
 

@@ -19,7 +19,7 @@ from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.refits import Refitted, corrected_model, weighed_with
-from tasks.gap.replay import SPREAD, Replay, base_replays, mean, parted, replayed_by
+from tasks.gap.replay import Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES, signatures
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Verdict, abstained, first_alone, judge, nothing_needed
@@ -157,8 +157,9 @@ class _Test:
             return None
         E = np.array(rows)
         floor = float(np.sqrt(E[:, 3].sum() / E[:, 2].sum()))
-        moved = parted(found, base) > mean(base).chance
-        gap = fallen(E[:, :3], floor, held_out=True, replayed=True, closable=np.exp(SPREAD if moved else 2 * SPREAD))
+        off = mean(base)
+        moved = parted(found, base) > off.chance
+        gap = fallen(E[:, :3], floor, held_out=True, replayed=True, closable=np.exp(off.spread if moved else 2 * off.spread))
         return gap if moved else unchanged(gap)
 
     @cached_property

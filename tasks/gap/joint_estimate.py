@@ -2,8 +2,8 @@
 
     θ = argmin  ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n E(θ)/(2 E₁)
 
-θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/SPREAD² independent
-numbers, as many as make log E scatter by what is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another
+θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/s² independent numbers, as
+many as make log E scatter by the s that is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another
 size hides there behind start states and forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have
 the say.
 
@@ -26,22 +26,22 @@ from scipy.linalg import block_diag
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded, precision
-from tasks.gap.replay import SPREAD, Replayed, supported
+from tasks.gap.replay import Replayed, supported
 
-DEGREES = 2 / SPREAD**2  # of freedom that replays have
 LEAST = 0.25  # of the floor, below which no replay is foretold to come
 
 
-def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float] = NOWHERE) -> Fitted:
-    """The hypothesis that windows and replays together ask for. told: E(θ) [m²] about the strengths `origin` and the fabric of the replay,
-    where E is `off` [m²].
+def joint(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, float] = NOWHERE) -> Fitted:
+    """The hypothesis that windows and replays together ask for. told: E(θ) [m²] about the strengths `origin` and the fabric of replays that
+    are so far `off`.
     """
     columns, p = list(windows.strengths), len(PARAMETERS)
     i = told.index([*PARAMETERS, *columns])
     at = np.array([0.0] * p + [origin.get(c, 0.0) for c in columns])
     θ_w = np.concatenate([windows.base, list(windows.strengths.values())])
     seen = block_diag(*(np.linalg.pinv(C, hermitian=True) for C in (windows.base_covariance, windows.covariance)))
-    G, g = told.G[np.ix_(i, i)] * DEGREES / off, told.g[i] * DEGREES / off
+    worth = degrees(off) / off.gap
+    G, g = told.G[np.ix_(i, i)] * worth, told.g[i] * worth
     A, b = seen + G + np.diag(precision(windows.effects)), seen @ θ_w + g + G @ at
     strengths = [s for e in windows.effects for s in e.strengths]
     low, high = (np.array([end] * p + [getattr(s, key) for s in strengths]) for end, key in ((-np.inf, "low"), (np.inf, "high")))
@@ -56,18 +56,23 @@ def joint(windows: Fitted, told: Normals, off: float, origin: Mapping[str, float
     )
 
 
-def disagreement(asked: Fitted, windows: Fitted, off: float) -> float:
-    """Q of an estimate with which replays end `off` [m²]."""
+def degrees(off: Replayed) -> float:
+    """n of replays: how many independent numbers they are worth."""
+    return 2 / off.spread**2
+
+
+def disagreement(asked: Fitted, windows: Fitted, off: Replayed) -> float:
+    """Q of an estimate with which replays end so far `off`."""
     δ, η = asked.base - windows.base, np.array([asked.strengths[c] - θ for c, θ in windows.strengths.items()])
     apart = sum(d @ np.linalg.pinv(C, hermitian=True) @ d for d, C in ((δ, windows.base_covariance), (η, windows.covariance)))
-    return float(0.5 * apart + 0.5 * DEGREES * np.log(off))
+    return float(0.5 * apart + 0.5 * degrees(off) * np.log(off.gap))
 
 
 def foretold(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, float] = NOWHERE) -> tuple[Fitted, float]:
     """The joint hypothesis about replays that are `off` and hold the strengths `origin`, and its log Bayes factor against them as far as
     derivatives tell.
     """
-    h = joint(windows, told, off.gap, origin)
+    h = joint(windows, told, off, origin)
     i = told.index([*PARAMETERS, *h.strengths])
     δ = np.concatenate([h.base, [θ - origin.get(c, 0.0) for c, θ in h.strengths.items()]])
     G = told.G[np.ix_(i, i)]

@@ -122,7 +122,7 @@ def replayed(named: Refitted, base: Sequence[Replay | None], data: Gathered, run
     if told is None:
         return named
     alone = replace(named, replays=here, replays_as_simulated=here)
-    together = replace(alone, hypothesis=joint(named.hypothesis, told, mean(here).gap, named.windows.origin))
+    together = replace(alone, hypothesis=joint(named.hypothesis, told, mean(here), named.windows.origin))
     found = alone if moved_on(together) else together
     apart = _apart(together.hypothesis, alone.hypothesis)
     asked = [each for each in ((together, alone) if apart else (together,)) if moved_on(each)]
@@ -143,7 +143,7 @@ def _agrees_more(one: Refitted, other: Refitted, windows: Fitted) -> bool:
     """Whether windows and replays disagree less about it, and no replay was lost."""
     if lost(one.replays, other.replays):
         return False
-    mine, theirs = (disagreement(each.hypothesis, windows, each.replayed.gap) for each in (one, other))
+    mine, theirs = (disagreement(each.hypothesis, windows, each.replayed) for each in (one, other))
     return mine < theirs
 
 

@@ -12,8 +12,12 @@ nobody can foretell would drown those before. The farther of two, for one alone 
 either mesh, the nearest ended 4.9 mm off, the farthest 10.6.
 
 About one where nothing is missing, whatever the cloth does; 1 + d²/E_0 where a cause moves it by d. It tells that something is missing;
-what, its derivatives foretell roughly, for few hold that long (`joint_estimate.py`). As a Bayes factor, with log ratio² normal of standard
-deviation `SPREAD` about that and d log-uniform over `DISPLACEMENTS`,
+what, its derivatives foretell roughly, for few hold that long (`joint_estimate.py`). Noise is known, how far replays part by chance is told
+by two of them: log ratio² scatters by
+
+    s² = `NOISY`² + (`PARTING` c)²,    c = Σ_t w_t max ⟨|x_other − x|²⟩_t/E_0
+
+about that. As a Bayes factor, with log ratio² normal and d log-uniform over `DISPLACEMENTS`,
 
     log ⟨N(log ratio²; log(1 + d²/E_0))⟩_d − log N(log ratio²; 0),    within `MOST`: folds fall one way or the other by chance
 
@@ -22,7 +26,7 @@ so that a floor of centimetres, where folds never fall twice alike, says little.
 A hypothesis that was simulated is replayed too, and ends E_h from the recording and d from the base's replay. Were it true, the base would
 be off by E_0 + d² and it by E_0; were nothing missing, the other way round:
 
-    log Bayes factor = m (log E − log E_h)/SPREAD²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
+    log Bayes factor = m (log E − log E_h)/s²,    m = log(1 + d²/E_0)    (difference of the four Gaussian exponents)
 
 with d² less what replays that start alike part by anyway, Σ_t w_t max ⟨|x_other − x|²⟩_t: noise has no part in that. At most what is left
 of `MOST_NAMED` once ½ (log ratio²/LEAVES)² of E_h is taken off: of two causes that both come far nearer than the base, the one that leaves
@@ -48,7 +52,7 @@ from tasks.gap.gathered import Gathered, restarted
 
 Array = NDArray[np.float64]
 
-SPREAD = 0.4  # of log ratio² about what it should be
+NOISY, PARTING = 0.15, 0.45  # standard deviation of log ratio² where noise is all of the floor, and what chance adds where that is
 DISPLACEMENTS = np.geomspace(1.5e-3, 6e-2, 20)  # [m], of causes worth a name
 MOST = (-2.0, 3.0)
 MOST_NAMED = (-3.0, 12.0)  # of a hypothesis' own factor
@@ -73,13 +77,18 @@ class Replayed:
         return self.gap / self.floor
 
     @property
+    def spread(self) -> float:
+        """Standard deviation s of log ratio² about what it should be."""
+        return float(np.hypot(NOISY, PARTING * self.chance / self.floor))
+
+    @property
     def something_missing(self) -> float:
         """Log Bayes factor of "something is missing" against "nothing is"; 0 where no replay could be compared."""
         if not np.isfinite(self.ratio2):
             return 0.0
         z = np.log(max(self.ratio2, 1e-12))
-        present = np.mean(np.exp(-0.5 * ((z - np.log1p(DISPLACEMENTS**2 / self.floor)) / SPREAD) ** 2))
-        return float(np.clip(np.log(max(present, 1e-300)) + 0.5 * (z / SPREAD) ** 2, *MOST))
+        present = np.mean(np.exp(-0.5 * ((z - np.log1p(DISPLACEMENTS**2 / self.floor)) / self.spread) ** 2))
+        return float(np.clip(np.log(max(present, 1e-300)) + 0.5 * (z / self.spread) ** 2, *MOST))
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,7 @@ class Replay:
 def supported(base: Replayed, named: Replayed) -> float:
     """Log Bayes factor of a hypothesis against the base by their replays; 0 where they cannot be compared."""
     m = np.log1p(max(named.apart - named.chance, 0.0) / named.floor)
-    factor = m * np.log(base.gap / named.gap) / SPREAD**2
+    factor = m * np.log(base.gap / named.gap) / named.spread**2
     if not np.isfinite(factor):
         return 0.0
     low, high = MOST_NAMED

@@ -97,7 +97,7 @@ class Trials:
         model = self.screened.base.model
         if self._told is None:
             return model, refitted
-        asked = joint(self.screened.windows.base, self._told, mean(refitted).gap)
+        asked = joint(self.screened.windows.base, self._told, mean(refitted))
         other = with_fabric(model, moved(model.subject.fabric, asked.base)[0])
         found = replayed_by(other, refitted, self.train, self.run)
         return (other, found) if nearer(found, refitted) else (model, refitted)

@@ -39,7 +39,7 @@ def test_what_the_finer_computation_does_is_predicted(noise, least):
 @pytest.mark.parametrize(("reached", "finer"), [(3, False), (7, False), (9, True)])
 def test_the_given_mesh_predicts_where_the_finer_one_ends_the_earlier(monkeypatch, reached, finer):
     model, recording, *_ = swung(9)
-    monkeypatch.setattr(blind, "_run", lambda m, *_: np.full((reached if m.effects else 8, 60, 3), float(len(m.effects))))
+    monkeypatch.setattr(blind, "_run", lambda m, *_: np.full((reached if m.effects else 8, 49, 3), float(len(m.effects))))
     assert np.unique(predicted(model, recording)).tolist() == [float(len(finer_computed(model).effects)) if finer else 0.0]
 
 

@@ -201,8 +201,13 @@ def test_replays_are_compared_in_windows_kept_out_of_the_recording_they_are_of()
     assert gap.shrinks and not by_chance.shrinks and by_chance.after_mm == gap.before_mm and by_chance.closed_fraction == 0.0
     beside = test.replayed(SimpleNamespace(replays=of(moved)), SimpleNamespace(replays=of(nudged)))
     assert beside.before_mm == pytest.approx(2 * 3**0.5) and beside.after_mm == 0.0 and beside.shrinks
-    # e^½SPREAD = 1.22 floors is one standard deviation of where nothing is missing, e^SPREAD = 1.49 two
-    for x, off, closable in ((moved, 1.2, False), (moved, 1.25, True), (nudged, 1.45, False), (nudged, 1.55, True)):
+    one = np.exp(0.5 * of(still)[0].replayed.spread)  # floors, a standard deviation of where nothing is missing
+    for x, off, closable in (
+        (moved, 0.98 * one, False),
+        (moved, 1.02 * one, True),
+        (nudged, 0.98 * one**2, False),
+        (nudged, 1.02 * one**2, True),
+    ):
         recordings[1].observed[:] = off * 2e-3 / 3**0.5
         assert (test.replayed(SimpleNamespace(replays=of(x))).closed_fraction is not None) is closable
 

@@ -9,7 +9,7 @@ from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.joint_estimate import DEGREES, disagreement, foretold, joint
+from tasks.gap.joint_estimate import degrees, disagreement, foretold, joint
 from tasks.gap.replay import Replayed, supported
 
 TILT = library()["gravity_tilt"]
@@ -17,6 +17,11 @@ NAMES = (*PARAMETERS, *TILT.columns)
 WINDOWS = np.array([0.1, -0.1, 0.02, 0.0])
 WHOLE = np.array([0.2, 0.3, 0.08, -0.03])
 FLOOR = 4e-6  # m²
+
+
+def off(gap):
+    """Replays of a floor that is chance for the most part."""
+    return Replayed(gap, FLOOR, chance=0.8 * FLOOR)
 
 
 def fitted(sd):
@@ -36,21 +41,21 @@ def values(h):
 
 
 def test_where_windows_know_nothing_replays_say():
-    np.testing.assert_allclose(values(joint(fitted(1e3), told(), FLOOR)), WHOLE, rtol=0.01)
+    np.testing.assert_allclose(values(joint(fitted(1e3), told(), off(FLOOR))), WHOLE, rtol=0.01)
 
 
 def test_where_windows_are_sure_they_say():
-    np.testing.assert_allclose(values(joint(fitted(1e-6), told(), FLOOR)), WINDOWS, atol=1e-6)
+    np.testing.assert_allclose(values(joint(fitted(1e-6), told(), off(FLOOR))), WINDOWS, atol=1e-6)
 
 
 def test_between_them_it_is_the_least_squares_of_both():
     n, sd = told(), np.array([0.1, 0.1, 0.01, 0.01])
     h = replace(fitted(1.0), base_covariance=np.diag(sd[:2] ** 2), covariance=np.diag(sd[2:] ** 2))
-    L = np.linalg.cholesky(n.G * DEGREES / FLOOR)
+    L = np.linalg.cholesky(n.G * degrees(off(FLOOR)) / FLOOR)
     ridge = np.array([0.5, 0.5, *(3 * np.array(TILT.typical))])
     A = np.vstack([np.diag(1 / sd), L.T, np.diag(1 / ridge)])
-    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * DEGREES / FLOOR), np.zeros(4)])
-    np.testing.assert_allclose(values(joint(h, n, FLOOR)), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
+    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * degrees(off(FLOOR)) / FLOOR), np.zeros(4)])
+    np.testing.assert_allclose(values(joint(h, n, off(FLOOR))), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
 
 
 def test_the_first_step_lessens_what_they_disagree_by():
@@ -59,27 +64,29 @@ def test_the_first_step_lessens_what_they_disagree_by():
     """
     h, n = replace(fitted(0.1), base=np.zeros(2), strengths=dict.fromkeys(TILT.columns, 0.0)), told()
     E = lambda θ: n.c - 2 * n.g @ θ + θ @ n.G @ θ  # noqa: E731
-    Q = lambda θ: disagreement(replace(h, base=θ[:2], strengths=dict(zip(TILT.columns, θ[2:]))), h, E(θ))  # noqa: E731
-    assert Q(values(joint(h, n, n.c))) < Q(np.zeros(4))
+    Q = lambda θ: disagreement(replace(h, base=θ[:2], strengths=dict(zip(TILT.columns, θ[2:]))), h, off(E(θ)))  # noqa: E731
+    assert Q(values(joint(h, n, off(n.c)))) < Q(np.zeros(4))
     slope = [(Q(1e-6 * e) - Q(-1e-6 * e)) / 2e-6 for e in np.eye(4)]
-    np.testing.assert_allclose(slope, -n.g * DEGREES / n.c, rtol=1e-5)
+    np.testing.assert_allclose(slope, -n.g * degrees(off(n.c)) / n.c, rtol=1e-5)
 
 
 def test_far_from_the_recording_replays_say_little():
-    near, far = (values(joint(fitted(0.05), told(), off)) for off in (FLOOR, 1e4 * FLOOR))
+    near, far = (values(joint(fitted(0.05), told(), off(gap))) for gap in (FLOOR, 1e4 * FLOOR))
     assert np.linalg.norm(far - WINDOWS) < 0.05 * np.linalg.norm(near - WINDOWS)
 
 
 def test_about_strengths_that_were_simulated_it_is_the_same_answer():
     at = np.array([0.0, 0.0, 0.05, 0.01])
     origin = dict(zip(TILT.columns, at[2:]))
-    np.testing.assert_allclose(values(joint(fitted(0.05), told(at), FLOOR, origin)), values(joint(fitted(0.05), told(), FLOOR)), rtol=1e-6)
+    np.testing.assert_allclose(
+        values(joint(fitted(0.05), told(at), off(FLOOR), origin)), values(joint(fitted(0.05), told(), off(FLOOR))), rtol=1e-6
+    )
 
 
 def test_strengths_stay_within_their_range():
     high = np.array([s.high for s in TILT.strengths])
     beyond = replace(fitted(1e3), strengths=dict(zip(TILT.columns, 5 * high)), covariance=1e-12 * np.eye(2))
-    assert (np.array(list(joint(beyond, told(), FLOOR).strengths.values())) <= high + 1e-12).all()
+    assert (np.array(list(joint(beyond, told(), off(FLOOR)).strengths.values())) <= high + 1e-12).all()
 
 
 def test_what_derivatives_foretell_is_weighed_as_a_replay_would_be():

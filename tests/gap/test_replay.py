@@ -203,6 +203,13 @@ def test_what_is_at_the_floor_speaks_for_nothing_and_above_it_for_something():
     assert factors[1] < -1.5 and factors[-1] > 2.5
 
 
+def test_replays_that_part_little_by_chance_are_the_surer_witnesses():
+    calm, wild = (Replayed(8e-6, 4e-6, chance=share * 4e-6) for share in (0.1, 0.9))
+    assert calm.something_missing > 2.5 > 0.5 > wild.something_missing
+    named = [supported(base, replace(base, gap=4e-6, apart=8e-6)) for base in (calm, wild)]
+    assert named[0] > 8 > 4 > named[1] > 0
+
+
 def test_a_floor_of_centimetres_says_little():
     low, high = (Replayed(floor, floor).something_missing for floor in (4e-6, 9e-4))
     assert low < -1.5 and high > -0.8
