@@ -69,9 +69,9 @@ def with_tangents(model: Model) -> Model:
     return model.joined(LINEAR, {})
 
 
-def otherwise(model: Model, way: Effect) -> Model:
-    """The model computed in another way; a finer mesh has the given vertices first."""
-    return model.joined([way], {way.name: way.typical})
+def otherwise(model: Model, *ways: Effect) -> Model:
+    """The model computed in other ways; a finer mesh has the given vertices first."""
+    return model.joined(ways, {way.name: way.typical for way in ways})
 
 
 def on_finer_mesh(model: Model) -> Model:
@@ -81,7 +81,7 @@ def on_finer_mesh(model: Model) -> Model:
 
 def finer_computed(model: Model) -> Model:
     """The model on the finer mesh and at half the step: what windows are corrected towards."""
-    return model.joined(FINER, {way.name: way.typical for way in FINER})
+    return otherwise(model, *FINER)
 
 
 def corrected(n: Normals) -> Normals:

@@ -147,6 +147,7 @@ def predict(
     kept = frames[::n]
     x = np.stack([f.x for f in kept])
     if len(kept) < window.length + 1:
+        x, _ = _seen(model, states, window, x, {}, columns=False)
         return Prediction(window, x, {}, ending if ending != CONVERGED else "the simulation ended early", iterations)
     tangents = {name: np.stack([f.tangents[name][0] for f in kept]) for name in kept[0].tangents}
     for name in blurred:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.numerics import finer_computed
-from tasks.cloth.start_state import filled, states, told_by_two
-from tasks.cloth.windows import Recording, smooth
+from tasks.cloth.start_state import States, filled, states, told_by_two
+from tasks.cloth.windows import Recording, Window, predict
 from tasks.cloth.yielded_collider import yielded_everywhere
-from tasks.effects.effect import Motion
 from tasks.effects.model import Model
 
 Array = NDArray[np.float64]
@@ -24,31 +23,25 @@ GIVEN = 2  # frames
 def predicted(model: Model, recording: Recording) -> Array:
     """x [T, V, 3] m from frame 0 on; fewer frames where the simulation ends early."""
     model, recording = recording.scene(model), yielded_everywhere(recording, model)
-    start = _start(model, recording)
-    x = _run(finer_computed(model), recording.motion, *start)
-    if len(x) < len(recording):
-        x = max(x, _run(model, recording.motion, *start), key=len)
-    return model.observed(x[:, : recording.observed.shape[1]])
+    whole, start = Window(0, 0, len(recording) - 1), _start(model, recording)
+    found = predict(finer_computed(model), recording, whole, start)
+    if not found.complete:
+        found = max(found, predict(model, recording, whole, start), key=lambda each: len(each.x))
+    return found.x[:, : recording.observed.shape[1]]
 
 
-def _start(model: Model, recording: Recording) -> tuple[Array, Array]:
-    """x [V, 3] m and v [V, 3] m/s that the first frames tell."""
+def _start(model: Model, recording: Recording) -> States:
+    """The state of frame 0, as the first frames tell it."""
     first, motion = recording.cut(slice(0, GIVEN)), model.driven(recording.motion).cut(slice(0, GIVEN))
     subject, noise = model.subject, float(np.median(first.noise))
     found = states(_unwatched(model), motion, first.observed, noise)
     seen, _ = filled(first.observed, subject.cloth.faces)
     x0 = found.x[0] if len(found.x) else seen[0]
-    if len(found.x) < GIVEN:
-        return x0, np.zeros_like(x0)
-    between = (each[1] - each[0] for each in (found.x, seen))
-    return x0, told_by_two(*(subject.fps * d for d in between), subject.cloth, subject.fps, noise)
-
-
-def _run(model: Model, motion: Motion, x0: Array, v0: Array) -> Array:
-    """x [T, V, 3] m at the frames of a recorded motion, which is smooth between them."""
-    drive, settings, n = model.drive(motion), model.settings, model.settings.substeps
-    fine = replace(model, settings=replace(settings, substeps=1), subject=replace(model.subject, fps=model.subject.fps * n))
-    return np.stack([f.x for f in fine.run_along(drive.each(lambda motion: smooth(motion, n)), x0, v0)][::n])
+    v0 = np.zeros_like(x0)
+    if len(found.x) == GIVEN:
+        between = (each[1] - each[0] for each in (found.x, seen))
+        v0 = told_by_two(*(subject.fps * d for d in between), subject.cloth, subject.fps, noise)
+    return States(x0[None], v0[None], found.ending)
 
 
 def _unwatched(model: Model) -> Model:

@@ -92,6 +92,16 @@ def test_states_are_nearer_the_truth_than_what_was_observed(panel):
     assert np.sqrt(np.mean((found.v - v)[3:-3] ** 2)) < np.sqrt(np.mean((two - v)[3:-3] ** 2))
 
 
+def test_what_a_simulation_that_ends_early_reached_is_told_as_the_tracker_would(monkeypatch):
+    model, recording, x, v = swung(9)
+    run_along = Model.run_along
+    monkeypatch.setattr(Model, "run_along", lambda *a, **k: itertools.islice(run_along(*a, **k), 21))  # five frames and a step
+    monkeypatch.setattr(type(SMOOTHING), "observe", lambda self, subject, x, θ: x + 1.0)
+    found = predict(model.joined([SMOOTHING], {}), recording, Window(0, 0, 8), States(x, v, "converged"))
+    assert len(found.x) == 6 and not found.complete
+    np.testing.assert_array_equal(found.x[0], x[0] + 1.0)
+
+
 def test_gaps_are_filled_in_time_and_over_the_mesh(panel):
     model, _recording, x, _ = panel
     y = x.copy()

@@ -9,7 +9,7 @@ import pytest
 from flows import gap
 from tasks.cloth.numerics import finer_computed
 from tasks.cloth.start_state import States
-from tasks.cloth.windows import Window, predict
+from tasks.cloth.windows import Prediction, Window, predict
 from tasks.effects.library import library
 from tasks.gap import blind
 from tasks.gap.blind import held, predicted
@@ -39,8 +39,22 @@ def test_what_the_finer_computation_does_is_predicted(noise, least):
 @pytest.mark.parametrize(("reached", "finer"), [(3, False), (7, False), (9, True)])
 def test_the_given_mesh_predicts_where_the_finer_one_ends_the_earlier(monkeypatch, reached, finer):
     model, recording, *_ = swung(9)
-    monkeypatch.setattr(blind, "_run", lambda m, *_: np.full((reached if m.effects else 8, 49, 3), float(len(m.effects))))
+
+    def predict(m, _, window, __):
+        frames = reached if m.effects else 8
+        x = np.full((frames, 49, 3), float(len(m.effects)))
+        return Prediction(window, x, {}, CONVERGED if frames == len(recording) else "stalled", 0)
+
+    monkeypatch.setattr(blind, "predict", predict)
     assert np.unique(predicted(model, recording)).tolist() == [float(len(finer_computed(model).effects)) if finer else 0.0]
+
+
+def test_an_edge_between_driven_vertices_is_driven_when_it_is_split():
+    model, recording, x, _ = swung(5)
+    held_by = np.arange(14)  # two rows, so that the diagonals between them are split
+    model = replace(model, subject=replace(model.subject, cloth=replace(model.subject.cloth, boundary=held_by)))
+    carried = replace(recording, motion=replace(recording.motion, boundary=x[:, held_by]))
+    np.testing.assert_allclose(predicted(model, carried)[:, held_by], x[:, held_by], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["fabric_rest_scale", "observation_scale"])

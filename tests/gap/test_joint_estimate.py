@@ -75,6 +75,11 @@ def test_far_from_the_recording_replays_say_little():
     assert np.linalg.norm(far - WINDOWS) < 0.05 * np.linalg.norm(near - WINDOWS)
 
 
+def test_replays_that_part_little_by_chance_say_more():
+    wild, calm = (values(joint(fitted(0.05), told(), Replayed(FLOOR, FLOOR, chance=share * FLOOR))) for share in (0.9, 0.1))
+    assert np.linalg.norm(calm - WHOLE) < 0.8 * np.linalg.norm(wild - WHOLE)
+
+
 def test_about_strengths_that_were_simulated_it_is_the_same_answer():
     at = np.array([0.0, 0.0, 0.05, 0.01])
     origin = dict(zip(TILT.columns, at[2:]))
