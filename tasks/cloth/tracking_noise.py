@@ -33,7 +33,11 @@ class Correlation:
 
     def shared(self, rest: Array) -> Array:
         """What errors of one frame have in common [V, V], of their variance, of vertices that are at `rest` [V, 3] m."""
-        d = np.sqrt(3) * cdist(rest, rest) / self.length
+        return self.between(cdist(rest, rest))
+
+    def between(self, apart: Array) -> Array:
+        """ρK of vertices that are `apart` [...] m at rest."""
+        d = np.sqrt(3) * apart / self.length
         return self.share * (1 + d) * np.exp(-d)
 
     def kept(self, fps: float) -> float:

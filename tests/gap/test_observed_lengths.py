@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tasks.cloth.tracking_noise import Correlation
 from tasks.effects.library import library
 from tasks.gap import refits
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.observed_lengths import LEAST, SCALES, observed_scale
+from tasks.gap.observed_lengths import DOUBT, LEAST, SCALES, observed_scale
 from tests.cloth.test_windows import swung
 
 NOISE = 4e-3
@@ -22,32 +23,41 @@ def panel():
     return model, recording
 
 
-def _seen(recording, scale, together, rng):
-    """At another scale, with errors that all vertices share, or none do."""
+def _seen(recording, scale, share, rng, noise=NOISE, told=None):
+    """At another scale, with errors of which all vertices share so much of the variance, and are told to."""
     y = recording.observed * (1 + scale)
-    errors = rng.standard_normal(y[:, :1].shape if together else y.shape)
-    return replace(recording, observed=y + NOISE * errors, noise=np.full(y.shape[:2], NOISE))
+    shared, own = rng.standard_normal(y[:, :1].shape), rng.standard_normal(y.shape)
+    errors = np.sqrt(share) * shared + np.sqrt(1 - share) * own
+    correlation = Correlation(share if told is None else told, length=100.0)
+    return replace(recording, observed=y + noise * errors, noise=np.full(y.shape[:2], noise), correlation=correlation)
 
 
-@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("scale", [-0.05, 0.04])
-def test_a_wrong_scale_is_found_from_below(panel, scale, together):
+def test_a_wrong_scale_is_found_from_below(panel, scale, share):
     model, recording = panel
-    found = observed_scale(model, [_seen(recording, scale, together, np.random.default_rng(0))])
-    doubt = 3 * NOISE**2 / 0.4**2 * 36  # of edges of 1/6 of the panel: half of 6σ²/length²
+    found = observed_scale(model, [_seen(recording, scale, share, np.random.default_rng(0))])
+    doubt = DOUBT * 3 * NOISE**2 / 0.4**2 * 36  # of edges of 1/6 of the panel: half of 6σ²/length²
     assert np.sign(found) == np.sign(scale) and abs(scale) - doubt - 0.004 < abs(found) < abs(scale) + 0.004
 
 
-@pytest.mark.parametrize("together", [True, False])
-def test_nothing_is_claimed_of_what_noise_or_a_stretch_may_be(panel, together):
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_nothing_is_claimed_of_what_noise_or_a_stretch_may_be(panel, share):
     model, recording = panel
     for scale in (0.0, 0.7 * LEAST):
-        assert observed_scale(model, [_seen(recording, scale, together, np.random.default_rng(0))]) == 0.0
+        assert observed_scale(model, [_seen(recording, scale, share, np.random.default_rng(0))]) == 0.0
+
+
+@pytest.mark.parametrize("told", [0.4, 0.6])
+def test_nothing_is_claimed_where_the_share_is_slightly_off(panel, told):
+    model, recording = panel
+    seen = _seen(recording, 0.0, 0.5, np.random.default_rng(0), noise=20e-3, told=told)  # lengths err by 2.5 % for that
+    assert observed_scale(model, [seen]) == 0.0
 
 
 def test_vertices_that_were_not_seen_are_left_out(panel):
     model, recording = panel
-    seen = _seen(recording, 0.04, True, np.random.default_rng(0))
+    seen = _seen(recording, 0.04, 1.0, np.random.default_rng(0))
     y = seen.observed.copy()
     y[:, ::3] = np.nan
     assert observed_scale(model, [replace(seen, observed=y)]) == pytest.approx(observed_scale(model, [seen]), abs=2e-3)
