@@ -1,9 +1,15 @@
-"""The body as collider: its skin near the garment, decimated, and drawn in where the fitted body pokes through the garment it wears.
+"""The body as collider: its skin near the garment, decimated, and drawn in where the garment was seen deeper inside than noise explains.
 
-A fitted body is off by millimetres to a centimetre and ignores flattened flesh, while contact needs a start without intersections. Where a
-point of the garment lies closer than the clearance or inside, the three corners of the nearest body face are drawn in along their normals
-by what is missing, spread to the neighbours, until nothing is closer. One depth per vertex serves all frames, so the collider moves as the
-body does.
+A fitted body is off by millimetres to a centimetre and ignores flattened flesh; tracked cloth is off, too, now here, now there. Simulated
+cloth is kept outside wherever it was seen (`start_state.py` walks it from frame to frame), so nothing has to give way to noise. Where a
+sample of the garment with barycentric coordinates b on the nearest face lies deeper by ℓ, its corners are drawn in along their normals by
+the least that frees it,
+
+    d = ℓ b/‖b‖²        of all d with b·d = ℓ the smallest,
+
+until none does. So much for one frame; in those before and after it the depth is halved with every frame.
+
+Source: Kaczmarz 1937 (the step). Limits: a body that is too thin is left so.
 """
 
 from dataclasses import dataclass
@@ -17,36 +23,43 @@ from tasks.geometry.meshes import components, edges, submesh, vertex_normals
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
 
-CLEARANCE = 2.5e-3  # [m] more than the barrier distance
+POKE_M = 1e-3  # [m] of a garment without noise inside the body
+DEVIATIONS = 3.0  # of the noise that it explains
 FASTENED_CLEARANCE = 6e-3  # [m] at driven nodes: neither they nor the body can give way, so nothing may come between them
 REACH = 0.25  # [m] body farther from the garment than this in all frames is left out
 DEEPEST = 0.03  # [m] a body that would have to give way further is not there: its faces are left out
 LIMB = 0.05  # [m] deeper inside is another limb's cloth, not a fit error
 ROUNDS = 30
+FURTHER = 1.05  # than is missing, so that rounds end
 FACES = 2400  # contact costs grow with both meshes: triangles no finer than the cloth's
 
 
 @dataclass(frozen=True)
 class FittedCollider:
-    """motion [T, C, 3] m, faces [G, 3], and how far each vertex was drawn in [C] m."""
+    """motion [T, C, 3] m, faces [G, 3], and how far each vertex was drawn in [T, C] m."""
 
     motion: Array
     faces: Faces
     drawn_in: Array
 
 
-def fitted_collider(body: Array, body_faces: Faces, garment: Array, garment_faces: Faces, *, fastened: Faces) -> FittedCollider:
-    """The collider for a garment [T, V, 3] m, driven at the nodes `fastened` [B], on a body [T, C, 3] m; clear of the tracked garment in every frame."""
+def explained(noise: float) -> float:
+    """How deep [m] in the body a garment may have been seen by the noise [m] of its coordinates."""
+    return max(POKE_M, DEVIATIONS * noise)
+
+
+def fitted_collider(
+    body: Array, body_faces: Faces, garment: Array, garment_faces: Faces, *, fastened: Faces, noise: float
+) -> FittedCollider:
+    """The collider for a garment [T, V, 3] m, noise [m] per coordinate, driven at the nodes `fastened` [B], on a body [T, C, 3] m."""
     motion, faces = _decimated(*_near(*_skin(body, body_faces), garment))
-    depth = np.zeros(motion.shape[1])
     normals = np.stack([vertex_normals(x, faces) for x in motion])
-    e = edges(faces)
     driven = np.isin(np.arange(garment.shape[1]), fastened).astype(float)[:, None]
-    clearance = np.where(_samples(driven, garment_faces)[:, 0] > 0, FASTENED_CLEARANCE, CLEARANCE)
-    for t in range(len(motion)):
-        depth = _cleared(_samples(garment[t], garment_faces), clearance, motion[t], normals[t], faces, e, depth)
-    own, kept = submesh(faces, depth < DEEPEST)
-    return FittedCollider((motion - depth[None, :, None] * normals)[:, kept], own, depth[kept])
+    clearance = np.where(_samples(driven, garment_faces)[:, 0] > 0, FASTENED_CLEARANCE, -explained(noise))
+    each = zip(garment, motion, normals, strict=True)
+    depth = _fading(np.stack([_cleared(_samples(x, garment_faces), clearance, b, n, faces) for x, b, n in each]))
+    own, kept = submesh(faces, depth.max(0) < DEEPEST)
+    return FittedCollider((motion - depth[..., None] * normals)[:, kept], own, depth[:, kept])
 
 
 def deepest_poke(body: Array, body_faces: Faces, garment: Array) -> float:
@@ -59,14 +72,25 @@ def deepest_poke(body: Array, body_faces: Faces, garment: Array) -> float:
     return deepest
 
 
-def _cleared(samples: Array, clearance: Array, body: Array, normals: Array, faces: Faces, e: Faces, depth: Array) -> Array:
-    """`depth` [C] increased until the samples [n, 3] m of one frame are clear."""
+def _cleared(samples: Array, clearance: Array, body: Array, normals: Array, faces: Faces) -> Array:
+    """The depths [C] m at which the samples [n, 3] m of one frame are clear."""
+    depth = np.zeros(len(body))
     for _ in range(ROUNDS):
         missing = _missing(samples, clearance, body - depth[:, None] * normals, faces)
         if missing.max() <= 0:
             break
-        depth = np.minimum(depth + _spread(missing, e), DEEPEST)
+        depth = np.minimum(depth + missing, DEEPEST)
     return depth
+
+
+def _fading(depth: Array) -> Array:
+    """Depths [T, C] m that come and go by halves, nowhere less than these."""
+    out = depth.copy()
+    for t in range(1, len(out)):
+        out[t] = np.maximum(out[t], out[t - 1] / 2)
+    for t in reversed(range(len(out) - 1)):
+        out[t] = np.maximum(out[t], out[t + 1] / 2)
+    return out
 
 
 def _skin(body: Array, faces: Faces) -> tuple[Array, Faces]:
@@ -110,8 +134,9 @@ def _missing(samples: Array, clearance: Array, collider: Array, faces: Faces) ->
     near, side = _sides(samples, collider, faces)
     lack = clearance - side * near.distance
     close = (lack > 0) & (near.distance < LIMB)
+    b = near.barycentric[close]
     missing = np.zeros(len(collider))
-    np.maximum.at(missing, faces[near.face[close]], lack[close][:, None] * 1.05)
+    np.maximum.at(missing, faces[near.face[close]], FURTHER * lack[close][:, None] * b / np.sum(b**2, 1, keepdims=True))
     return missing
 
 
@@ -121,11 +146,3 @@ def _sides(samples: Array, collider: Array, faces: Faces) -> tuple[Closest, Arra
     n = vertex_normals(collider, faces)
     outward = np.einsum("pk,pkc->pc", near.barycentric, n[faces[near.face]])
     return near, np.sign(np.sum((samples - near.point) * outward, 1))
-
-
-def _spread(missing: Array, e: Faces) -> Array:
-    out = missing.copy()
-    for _ in range(2):
-        np.maximum.at(out, e[:, 0], 0.5 * out[e[:, 1]])
-        np.maximum.at(out, e[:, 1], 0.5 * out[e[:, 0]])
-    return out

@@ -120,7 +120,7 @@ class Work:
     weighed: bool = False
 
 
-@stage("cloth", version=4, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
+@stage("cloth", version=5, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
 def cloth(
     job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> ClothRecord:
@@ -136,7 +136,7 @@ def cloth(
     return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
 
-@stage("cloth", version=4, pool="simulation", timeout_s=4 * 3600, retries=1)
+@stage("cloth", version=5, pool="simulation", timeout_s=4 * 3600, retries=1)
 def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
     """Fit one garment of which somebody else's tracker tells the motion; needs no other stage."""
     path = parameters.track

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tasks.capture.tracked_geometry import TrackedGeometry
 from tasks.cloth.boundary import carried, fastened_nodes
-from tasks.cloth.collider import deepest_poke, fitted_collider
+from tasks.cloth.collider import deepest_poke, explained, fitted_collider
 from tasks.cloth.driven_motion import quieted
 from tasks.cloth.garment import weighed
 from tasks.cloth.perseverance import PATIENT, Patience
@@ -38,7 +38,6 @@ Driver = Literal["tracked", "skinned"]
 START = Fabric(320.0, 4.0, 60.0)
 FEWEST_FRAMES = 3  # the first one included: with two there is a velocity and nothing that it changes to
 LEAST_SEEN = 0.3  # share of the positions of vertices that are not driven
-POKE_M = 1e-3  # deeper than this, or than three standard deviations of the noise, the collider gives way
 
 
 @dataclass(frozen=True)
@@ -173,12 +172,12 @@ def _collider(track: TrackedGeometry, x: Array, body: Array | None, cloth: Cloth
         return NO_COLLIDER, np.zeros((len(x), 0, 3)), ()
     known = np.isfinite(x).all((1, 2))
     depth = deepest_poke(body[known], track.collider_faces, x[known])
-    if depth <= max(POKE_M, 3 * noise):
+    if depth <= explained(noise):
         return Collider(track.collider_faces), body, ()
     if not known.all():
         what = f"the garment is {1e3 * depth:.1f} mm inside it, and not wholly seen in every frame"
         refuse([Fault("collider_vertices", what, "Move the collider inwards, or cut the frames.")])
-    fitted = fitted_collider(body, track.collider_faces, x, track.faces, fastened=cloth.boundary)
+    fitted = fitted_collider(body, track.collider_faces, x, track.faces, fastened=cloth.boundary, noise=noise)
     said = f"collider: drawn in by up to {1e3 * fitted.drawn_in.max():.1f} mm, as the tracked garment was {1e3 * depth:.1f} mm inside"
     return Collider(fitted.faces), fitted.motion, (said,)
 

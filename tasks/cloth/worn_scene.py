@@ -33,8 +33,9 @@ def worn_scene(
     """Of a garment over T frames on body [T, C, 3] m; uv_vertices [U, 2] of the tracked surface's atlas (may be empty)."""
     observed = garment.observed
     fastening = fastened_nodes(observed, garment.faces, body, body_faces)
-    driven = quieted(observed[:, fastening.nodes], float(np.median(garment.noise_m)))
-    collider = fitted_collider(body, body_faces, observed, garment.faces, fastened=fastening.nodes)
+    noise = float(np.median(garment.noise_m))
+    driven = quieted(observed[:, fastening.nodes], noise)
+    collider = fitted_collider(body, body_faces, observed, garment.faces, fastened=fastening.nodes, noise=noise)
     x0 = observed[0].copy()
     uv = pattern(x0, garment.faces, uv_vertices, garment.uv_faces) if rest == "pattern" else None
     if uv is None:  # the first frame is the rest shape, its noise included: driven nodes keep it, or the waist would be strained for ever
