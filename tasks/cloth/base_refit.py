@@ -91,7 +91,7 @@ def refit(
 def about_nearer_starts(jobs: Sequence[Job], found: Sequence[Evidence], run: Map = map) -> tuple[list[Job], list[Evidence]]:
     """The jobs with the starts that their windows ask for, and the windows followed about these."""
     nearer = list(run(about_nearer_start, list(zip(jobs, found, strict=True))))
-    return [job for job, _ in nearer], [evidence for _, evidence in nearer]
+    return [replace(job, start=evidence.start) for job, evidence in zip(jobs, nearer, strict=True)], nearer
 
 
 def gain(now: Sequence[Evidence], tried: Sequence[Evidence], loss: Callable[[Evidence], float]) -> float:

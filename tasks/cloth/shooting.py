@@ -126,17 +126,15 @@ def nearer_start(job: Job, found: Evidence) -> tuple[Start, Array]:
     return first_nearer(job, _asked(job, found), found.simulated)
 
 
-def about_nearer_start(followed: tuple[Job, Evidence]) -> tuple[Job, Evidence]:
-    """The job with the start that its derivatives ask for, or half-way to it, and the window followed about that; both as they are where
-    neither comes nearer.
-    """
+def about_nearer_start(followed: tuple[Job, Evidence]) -> Evidence:
+    """The window followed about the start that its derivatives ask for, or half-way to it; as it was where neither comes nearer."""
     job, found = followed
     if found.prediction.complete:
         for start in _towards(job, _asked(job, found)):
             again = follow(replace(job, start=start))
             if again.start and _comes_nearer(job, again.simulated, found.simulated):
-                return replace(job, start=start), again
-    return job, found
+                return again
+    return found
 
 
 def first_nearer(job: Job, asked: Start, x: Array) -> tuple[Start, Array]:

@@ -91,7 +91,7 @@ def test_where_no_window_can_be_followed_it_stays_and_says_so(windows):
     jobs = [Job(own, None, each.prediction.window, None, np.zeros((0, 9))) for each in windows]
 
     def run(what, todo):
-        return todo if what is about_nearer_start else windows
+        return [found for _, found in todo] if what is about_nearer_start else windows
 
     found = refit_jointly(base, jobs, [DRAG], noise=NOISE, iterations=3, run=run)
     assert found.ending == UNFOLLOWED and found.model.strength(DRAG) == own.strength(DRAG)

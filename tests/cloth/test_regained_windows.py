@@ -31,7 +31,7 @@ class Foretold:
 
     def __call__(self, what, jobs):
         if what is about_nearer_start:
-            return jobs
+            return [found for _, found in jobs]
         at_start = jobs[0].model.subject.fabric == TRUTH
         return [evidence(job.window, misfit) for job, misfit in zip(jobs, BEFORE if at_start else self.after, strict=True)]
 

@@ -6,6 +6,7 @@ import pytest
 from tasks.cloth.adam_fd import Descent, as_algorithm_1, descend
 from tasks.cloth.stage import FitParameters, Work, _by_tangents
 from tasks.cloth.windowed_fit import fit_windows
+from tasks.effects.library import library
 from tasks.plain_data import digest
 from tasks.shared_map import SharedMap
 from tasks.stage import Job
@@ -23,12 +24,17 @@ def windows(scene, run):
     return found.fabric, found.normal, found.replay.x
 
 
+def windows_with_drag(scene, run):
+    found = fit_windows(scene, FAR, effects=[library()["air_normal_drag"]], iterations=1, run=run)
+    return found.fabric, found.normal, found.replay.x, found.model.strengths
+
+
 def candidates(scene, run):
     found = descend(as_algorithm_1(scene), FAR, Descent.at([320.0, 1.0, 1.0]), iterations=1, run=run)
     return found.θ, found.best, [row["loss"] for row in found.history]
 
 
-@pytest.mark.parametrize("fit", [windows, candidates])
+@pytest.mark.parametrize("fit", [windows, windows_with_drag, candidates])
 def test_shared_is_alone(scene, tmp_path, fit):
     simulated = []
 

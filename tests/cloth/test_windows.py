@@ -334,7 +334,7 @@ def test_slopes_about_nearer_starts_are_nearer_to_those_of_the_loss(fabric, monk
     wrong, told, met = with_fabric(model, fabric), [], []
     found, φ = states(wrong, recording.motion, recording.observed, noise), smooth_modes(model.subject.cloth, 20)
     todo = [Job(wrong, recording, w, found, φ) for w in windows([recording], FPS, 0.33)]
-    for nearer in (lambda each: each, about_nearer_start):
+    for nearer in (lambda followed: followed[1], about_nearer_start):
         monkeypatch.setattr(base_refit, "about_nearer_start", nearer)
         jobs, now = base_refit.about_nearer_starts(todo, list(map(follow, todo)))
         prior = estimated_prior(now, noise)
