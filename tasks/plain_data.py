@@ -35,7 +35,7 @@ def from_bytes(kind: Any, content: bytes) -> Any:
         with np.load(io.BytesIO(content), allow_pickle=False) as kept:
             arrays = dict(kept)
         return _heard(kind, json.loads(arrays.pop(TREE).tobytes()), arrays)
-    except (BadZipFile, EOFError, KeyError, TypeError, ValueError, OSError) as damaged:
+    except (BadZipFile, EOFError, LookupError, StopIteration, TypeError, ValueError, OSError) as damaged:
         raise ValueError(f"no plain data: {type(damaged).__name__}: {damaged}") from damaged
 
 

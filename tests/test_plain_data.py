@@ -68,6 +68,14 @@ def test_damage_is_a_value_error(damage):
         from_bytes(Evidence, damage(as_bytes(evidence())))
 
 
+@pytest.mark.parametrize(
+    ("kind", "value"), [(Evidence, ("job", evidence())), (Inner | None, {"values": 1.0}), (tuple[int, str], Inner(np.zeros(1)))]
+)
+def test_what_another_version_left_is_a_value_error(kind, value):
+    with pytest.raises(ValueError, match="no plain data"):
+        from_bytes(kind, as_bytes(value))
+
+
 def test_an_array_of_objects_is_never_unpickled(tmp_path):
     file = tmp_path / "a.npz"
     np.savez(file, tree=np.frombuffer(b'{"array": "0"}', np.uint8), **{"0": np.array([{}], dtype=object)}, allow_pickle=True)
