@@ -19,7 +19,7 @@ from cyclopts.exceptions import CycloptsError
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import Location
+from flows.cli_options import Json, Location, Set
 from flows.endings import CANCELLED, OK, STAGE_FAILED, Refused, ending_of
 
 # One BLAS thread per process: garments, cameras and candidates run side by side instead, and sums come out in one order.
@@ -46,9 +46,6 @@ app.command("flows.cli_dataset:app", name="dataset", help="Every sequence below 
 app.command("flows.cli_up:up", name="up")
 app.command("flows.cli_up:worker", name="worker")
 app.command("flows.cli_up:deploy", name="deploy")
-
-Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
-Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -84,13 +81,12 @@ def submit(
 ) -> int:
     """Process one actor now, in this process, without a server.
 
-    Parameters
-    ----------
-    actor: Name of a folder below the data folder; `demo` is made on first use.
-    sequence: Which of the actor's sequences; may be left out when there is one.
-    until: Last stage to run.
-    wait: With --no-wait the run goes on in the background; see status, logs and cancel.
-    service: Have the workers of `physavatar up` do it, before any dataset.
+    Args:
+        actor: Name of a folder below the data folder; `demo` is made on first use.
+        sequence: Which of the actor's sequences; may be left out when there is one.
+        until: Last stage to run.
+        wait: With --no-wait the run goes on in the background; see status, logs and cancel.
+        service: Have the workers of `physavatar up` do it, before any dataset.
     """
     from flows.submission import Submission
 
@@ -124,7 +120,14 @@ def plan(
     store: Location = None,
     json_: Json = False,
 ) -> int:
-    """What `submit` would compute and what it would take from the store; --explain says which key field changed."""
+    """What `submit` would compute and what it would take from the store.
+
+    Args:
+        actor: Name of a folder below the data folder.
+        sequence: Which of the actor's sequences; may be left out when there is one.
+        until: The last stage that is wanted.
+        explain: Say which field of a stage's key changed.
+    """
     from flows.request import plan_actor
     from flows.submission import Submission
 
@@ -150,12 +153,11 @@ def rerun(
 ) -> int:
     """Compute a stage and all after it anew, with changed parameters if given; artifacts of the old parameters stay.
 
-    Parameters
-    ----------
-    actor: Name of a folder below the data folder.
-    from_: First stage to compute again although its artifact is in the store.
-    with_effect: Name of an effect to add to those of cloth.effects, any number of times: the cloth is fitted again with it.
-    sequence: Which of the actor's sequences; may be left out when there is one.
+    Args:
+        actor: Name of a folder below the data folder.
+        from_: Stage to compute again, with what is made from it, although its artifact is in the store.
+        with_effect: Name of an effect to add to those of cloth.effects, any number of times: the cloth is fitted again with it.
+        sequence: Which of the actor's sequences; may be left out when there is one.
     """
     from flows.submission import Submission
 
@@ -171,7 +173,11 @@ def rerun(
 
 @app.command
 def status(run: str | None = None, *, store: Location = None, json_: Json = False) -> int:
-    """Runs of this machine and how far each stage is; with a run's id (or its beginning) that one only."""
+    """Runs of this machine and how far each stage is.
+
+    Args:
+        run: Only the one with this id, or whose id begins so.
+    """
     from flows.runs import list_runs
 
     runs = [r for r in list_runs(_store_root(store)) if run is None or r["id"].startswith(run)]
@@ -184,7 +190,12 @@ def status(run: str | None = None, *, store: Location = None, json_: Json = Fals
 
 @app.command
 def logs(run: str | None = None, *, store: Location = None, follow: bool = False) -> int:
-    """The log of a run, the newest if none is named."""
+    """The log of a run.
+
+    Args:
+        run: Its id, or how that begins; else the newest.
+        follow: Stay, and print what is added, until it ends.
+    """
     from flows.runs import find_run
 
     root = _store_root(store)
@@ -199,10 +210,14 @@ def logs(run: str | None = None, *, store: Location = None, follow: bool = False
 
 @app.command
 def cancel(run: str | None = None, *, store: Location = None) -> int:
-    """Stop a run of this machine (the newest run if none is named); finished stages stay in the store."""
+    """Stop a run of this machine; finished stages stay in the store. What the service does is cancelled in the Prefect UI.
+
+    Args:
+        run: Its id, or how that begins; else the newest.
+    """
     from flows.runs import find_run, stop
 
-    found = _found(find_run(_store_root(store), run), run)
+    found = _found(find_run(_store_root(store), run, own=True), run)
     stop(found)
     ERR.print(f"asked run {found['id']} (process {found['pid']}) to stop")
     return OK

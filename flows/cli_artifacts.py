@@ -3,26 +3,31 @@
 import json
 import sys
 from datetime import timedelta
-from typing import Annotated, Any
+from typing import Any
 
-from cyclopts import App, Parameter
+from cyclopts import App
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import Location, open_named
+from flows.cli_options import Json, Location, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
 from storage_schemas.reference import Address
 from storage_schemas.store import Store
 
 app = App(name="artifacts", help="Look into the store: ls, show, verify, gc, pin, unpin.")
-Json = Annotated[bool, Parameter(name="--json", negative="")]
 
 
 @app.command
 def ls(
     actor: str | None = None, *, sequence: str | None = None, stage: str | None = None, store: Location = None, json_: Json = False
 ) -> int:
-    """All artifacts, or those of one actor, sequence or stage."""
+    """All artifacts, or those of one actor, sequence or stage.
+
+    Args:
+        actor: Only this one's.
+        sequence: Only this one's.
+        stage: Only what this one published.
+    """
     entries = open_named(store).list(actor, sequence, stage)
     if json_:
         return _print([entry.model_dump(mode="json") for entry in entries])
@@ -37,7 +42,11 @@ def ls(
 
 @app.command
 def show(key: str, *, store: Location = None) -> int:
-    """Manifest and provenance of the artifact whose key begins so, as JSON."""
+    """Manifest and provenance of an artifact, as JSON.
+
+    Args:
+        key: Its key, or how that begins.
+    """
     opened = open_named(store)
     folder = opened.folder(_address(opened, key))
     return _print(
@@ -58,14 +67,24 @@ def verify(*, store: Location = None, json_: Json = False) -> int:
 
 @app.command
 def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Location = None, json_: Json = False) -> int:
-    """Remove artifacts that nothing refers to any more and what dead processes left behind."""
+    """Remove artifacts that nothing refers to any more and what dead processes left behind.
+
+    Args:
+        older_than_days: Keep what somebody asked for within so many days.
+        dry_run: Only say what would be removed.
+    """
     swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
     return _print(swept.model_dump(mode="json")) if json_ else (Console().print(swept), OK)[1]
 
 
 @app.command
 def pin(key: str, reason: str, *, store: Location = None) -> int:
-    """Keep the artifact whose key begins so, and all it was made from, when the store is swept; the reason stands beside it."""
+    """Keep an artifact, and all it was made from, when the store is swept.
+
+    Args:
+        key: Its key, or how that begins.
+        reason: Stands beside it.
+    """
     opened = open_named(store)
     opened.pin(_address(opened, key), reason)
     return OK
@@ -73,7 +92,11 @@ def pin(key: str, reason: str, *, store: Location = None) -> int:
 
 @app.command
 def unpin(key: str, *, store: Location = None) -> int:
-    """Let go of a pinned artifact."""
+    """Let go of a pinned artifact.
+
+    Args:
+        key: Its key, or how that begins.
+    """
     opened = open_named(store)
     opened.unpin(_address(opened, key))
     return OK

@@ -16,7 +16,13 @@ PICTURES = (".png", ".jpg", ".jpeg")
 
 @app.command
 def check(folder: Path, *, scale: str | None = None, deep: bool = False) -> int:
-    """Check an ActorsHQ folder as a whole and report every fault; --deep decodes every picture."""
+    """Check an ActorsHQ folder as a whole and report every fault.
+
+    Args:
+        folder: The sequence: scene.json, 4x/, …
+        scale: Which of its resolutions, such as 4x; may be left out where there is one.
+        deep: Decode every picture.
+    """
     from tasks.capture.actorshq import read_actorshq
 
     recording = read_actorshq(folder, scale=scale, deep=deep)
@@ -36,13 +42,12 @@ def calibrate(
 ) -> int:
     """Calibrate the cameras of a recording and write calibration.json, with residuals per camera.
 
-    Parameters
-    ----------
-    folder: Pictures: one per camera, named after it (structure from motion), or one folder per camera (a ChArUco board).
-    out: The calibration to write.
-    baseline: Two cameras and the distance of their centres in metres; fixes the scale of structure from motion.
-    board: The ChArUco board; with it the folder's pictures of the board are used.
-    floor_frame: Which picture shows the board on the floor.
+    Args:
+        folder: Pictures: one per camera, named after it (structure from motion), or one folder per camera (a ChArUco board).
+        out: The calibration to write.
+        baseline: Two cameras and the distance of their centres in metres; fixes the scale of structure from motion.
+        board: The ChArUco board; with it the folder's pictures of the board are used.
+        floor_frame: Which picture shows the board on the floor.
     """
     from tasks.capture.calibration_opencv import write_opencv
 

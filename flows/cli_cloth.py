@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import Location
+from flows.cli_options import Json, Location
 from flows.config import load
 from flows.endings import OK
 from storage_schemas.cloth import Cloth
@@ -28,34 +28,33 @@ def fit(
     method: Literal["gauss-newton", "whole-replay", "adam-fd"] = "gauss-newton",
     as_released: Annotated[bool, Parameter(name="--as-released", negative="")] = False,
     boundary: Literal["tracked", "skinned"] = "tracked",
-    frames: int = 24,
+    frames: int | None = None,
     iterations: int | None = None,
-    substeps: int = 4,
+    substeps: int | None = None,
     at_rest: Annotated[bool, Parameter(name="--at-rest", negative="")] = False,
     profiles: Annotated[bool, Parameter(name="--profiles", negative="")] = False,
     with_effect: Annotated[tuple[str, ...], Parameter(name="--with-effect", negative="")] = (),
     fps: float | None = None,
     up: Literal["y", "z"] | None = None,
     store: Location = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Estimate the fabric of a tracked garment: stretch and bending stiffness per density, with what can be known of them.
 
-    Parameters
-    ----------
-    track: NPZ of tracked geometry, or a folder with one OBJ or PLY per frame.
-    method: Gauss-Newton on derivatives, of windows or of one replay of the whole, or Algorithm 1 of PhysAvatar (finite differences and
-    Adam, 100 iterations).
-    as_released: Algorithm 1 with the released code's raw Adam.
-    boundary: Driven nodes follow the tracked surface, or ride on the nearest face of the collider.
-    frames: How many frames after the first are compared; Algorithm 1 takes 24.
-    iterations: Most iterations; 4, or 100 for Algorithm 1.
-    substeps: Time steps per frame; Algorithm 1 takes one.
-    at_rest: The garment is still in its first frame.
-    profiles: Also simulate the loss along each parameter and along the direction that motion does not fix.
-    with_effect: Name of an effect that the model has beside the base, any number of times; its strength is fitted too.
-    fps: Frames per second, where the file does not say.
-    up: Which axis points up, where the file does not say.
+    Args:
+        track: NPZ of tracked geometry, or a folder with one OBJ or PLY per frame.
+        method: Gauss-Newton on derivatives, of windows or of one replay of the whole, or Algorithm 1 of PhysAvatar (finite differences and
+            Adam, 100 iterations).
+        as_released: Algorithm 1 with the released code's raw Adam.
+        boundary: Driven nodes follow the tracked surface, or ride on the nearest face of the collider.
+        frames: How many frames after the first are compared; as many as last about a second, Algorithm 1 takes 24.
+        iterations: Most iterations; 4, or 100 for Algorithm 1.
+        substeps: Time steps per frame; as few as take no longer than 10 ms each, Algorithm 1 takes one.
+        at_rest: The garment is still in its first frame.
+        profiles: Also simulate the loss along each parameter and along the direction that motion does not fix.
+        with_effect: Name of an effect that the model has beside the base, any number of times; its strength is fitted too.
+        fps: Frames per second, instead of what the file says; a folder of meshes does not.
+        up: Which axis points up, instead of what the file says.
     """
     from tasks.cloth.stage import TrackParameters, track_fit
     from tasks.stage import content_digest

@@ -5,21 +5,19 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from cyclopts import App, Parameter
+from cyclopts import App
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import Location, open_named
+from flows.cli_options import Json, Location, Set, open_named
 from flows.config import load
 from flows.dataset import Standing, counts, find_sequences, plan_dataset
 from flows.endings import OK, STAGE_FAILED, Refused
 from storage_schemas.object_store import open_store
 
 app = App(name="dataset", help="Every sequence below the data folder: plan, submit, status, report.")
-Json = Annotated[bool, Parameter(name="--json", negative="")]
-Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
 SHOWN = 200
 
 
@@ -39,9 +37,12 @@ def plan(*, set_: Set = (), store: Location = None, json_: Json = False) -> int:
 
 @app.command
 def submit(*, set_: Set = (), store: Location = None, wait: bool = False, json_: Json = False) -> int:
-    """Have the service process what is new or changed. With --wait stay until it has ended.
+    """Have the service process what is new or changed.
 
     A dataset that is under way is not submitted twice: asking again follows the run there is.
+
+    Args:
+        wait: Stay until it has ended.
     """
     import asyncio
 
@@ -71,7 +72,11 @@ def submit(*, set_: Set = (), store: Location = None, wait: bool = False, json_:
 
 @app.command
 def status(campaign: str | None = None, *, store: Location = None, json_: Json = False) -> int:
-    """How far the newest run over the dataset is, or the one whose id begins so."""
+    """How far a run over the dataset is.
+
+    Args:
+        campaign: Its id, or how that begins; else the newest.
+    """
     found = _campaign(open_named(store).root, campaign)
     _show(found, json_)
     return OK
@@ -79,7 +84,11 @@ def status(campaign: str | None = None, *, store: Location = None, json_: Json =
 
 @app.command
 def report(out: Path, *, store: Location = None) -> int:
-    """One HTML page: every sequence with its verdict and a link to its report."""
+    """One HTML page: every sequence with its verdict and a link to its report.
+
+    Args:
+        out: Where it goes.
+    """
     from flows.dataset_report import write_dataset_report
 
     settings = load(places={"store": store})

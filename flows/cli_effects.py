@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_options import Json
 from flows.config import load
 from flows.endings import OK
 from tasks.effects.effect import Effect, Strength
@@ -18,16 +19,15 @@ COLUMNS = ("name", "kind", "symbol", "unit", "zero", "typical", "range", "confus
 
 def effects(
     *,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
     markdown: Annotated[bool, Parameter(name="--markdown", negative="")] = False,
 ) -> int:
     """Every effect of the library and of `effects_folder`: its strengths, their units and ranges, and what some recordings cannot tell from
     it.
 
-    Parameters
-    ----------
-    json_: Machine-readable JSON on stdout.
-    markdown: A table in Markdown on stdout, as in tasks/effects/README.md.
+    Args:
+        json_: Machine-readable JSON on stdout.
+        markdown: A table in Markdown on stdout, as in tasks/effects/README.md.
     """
     found = library(load().effects_folder)
     if json_:

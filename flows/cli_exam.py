@@ -11,6 +11,7 @@ from cyclopts.validators import Number
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli_options import Json
 from flows.endings import OK, STAGE_FAILED
 from flows.exam_scoreboard import EDITION
 from tasks.geometry.faults import Fault, refuse
@@ -20,7 +21,6 @@ Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
 AtLeastOne = Annotated[int, Parameter(validator=Number(gte=1))]
 Hours = Annotated[float, Parameter(validator=Number(gte=0))]
-Json = Annotated[bool, Parameter(name="--json", negative="")]
 OUT, ERR = Console(), Console(stderr=True)
 
 
@@ -41,19 +41,18 @@ def exam(
 ) -> int:
     """Make recordings with a hidden cause, let `gap run` name it, and score the answers. What was done before is kept.
 
-    Parameters
-    ----------
-    cases: How many; the full exam has 160.
-    seed: Which set of cases.
-    split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
-    engine: Whose engine moves the cloth. mujoco is installed on first use, in an environment of its own below the cache folder.
-    at_once: How many cases at a time, each in a process of its own.
-    hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
-    service: Have the service's workers do them, so many at a time; they must reach the folder.
-    out: Folder of this exam.
-    rivals: Let all rivals answer as well; slow ones a third of the cases.
-    rival: Names of rivals that answer as well.
-    json_: Machine-readable JSON on stdout.
+    Args:
+        cases: How many; the full exam has 160.
+        seed: Which set of cases.
+        split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+        engine: Whose engine moves the cloth. mujoco is installed on first use, in an environment of its own below the cache folder.
+        at_once: How many cases at a time, each in a process of its own.
+        hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
+        service: Have the service's workers do them, so many at a time; they must reach the folder.
+        out: Folder of this exam.
+        rivals: Let all rivals answer as well; slow ones a third of the cases.
+        rival: Names of rivals that answer as well.
+        json_: Machine-readable JSON on stdout.
     """
     from flows import exam as blind
     from flows import exam_engine
@@ -111,18 +110,18 @@ def _spread(count: int, hours: float, *, service: bool) -> Any:
 def generate(*, cases: AtLeastOne, out: Path, seed: int = 0, first: Annotated[int, Parameter(validator=Number(gte=0))] = 0) -> int:
     """Make the recordings of an open exam and stop there.
 
-    Parameters
-    ----------
-    cases: How many cases the exam has.
-    out: Folder of this exam; it gets cases/ and, apart, sealed.truth/.
-    seed: Which set of cases.
-    first: Number of the case to begin with.
+    Args:
+        cases: How many cases the exam has.
+        out: Folder of this exam; it gets cases/ and, apart, sealed.truth/.
+        seed: Which set of cases.
+        first: Number of the case to begin with.
     """
     from flows import exam as blind
 
-    wanted = blind.Exam(blind.Folder(out), cases, seed, "open").questions()[first:]
-    for number, what in blind.generate(blind.Folder(out), wanted):
-        sys.stdout.write(f"{blind.Folder(out).case(number)}\t{what}\n")
+    folder = blind.Folder(out)
+    folder.take(seed)
+    for number, what in blind.generate(folder, blind.Exam(folder, cases, seed, "open").questions()[first:]):
+        sys.stdout.write(f"{folder.case(number)}\t{what}\n")
         sys.stdout.flush()
     return OK
 
@@ -133,14 +132,13 @@ def pictures(
 ) -> int:
     """Cases that start from images with a fault of calibration or body, and go through all stages. What was done before is kept.
 
-    Parameters
-    ----------
-    cases: How many; a quarter of an hour each.
-    seed: Which set of cases.
-    split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
-    hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
-    out: Folder of this exam.
-    json_: Machine-readable JSON on stdout.
+    Args:
+        cases: How many; a quarter of an hour each.
+        seed: Which set of cases.
+        split: open serves tuning. sealed draws its cases from the code that is examined, and every attempt is added to the scoreboard.
+        hours: Begin no case after so many hours, and tell what is done by then; asked again, it goes on with the others.
+        out: Folder of this exam.
+        json_: Machine-readable JSON on stdout.
     """
     from flows import exam as blind
     from flows import exam_pictures
@@ -154,11 +152,10 @@ def pictures(
 def scoreboard(*, version: str = "", edition: int = EDITION, json_: Json = False) -> int:
     """Figures of all sealed cases that any version of the diagnosis has sat; each was new to its version.
 
-    Parameters
-    ----------
-    version: Only versions whose hash begins so, and every case of theirs, as Markdown.
-    edition: Of questions and marks.
-    json_: Machine-readable JSON on stdout.
+    Args:
+        version: Only versions whose hash begins so, and every case of theirs, as Markdown.
+        edition: Of questions and marks.
+        json_: Machine-readable JSON on stdout.
     """
     from flows.exam_scoreboard import every_version
     from tasks.exam.scorer.listing import listing
@@ -189,13 +186,12 @@ def rival(
 ) -> int:
     """Let rivals of the diagnosis answer what `gap run` would; what they share is computed once.
 
-    Parameters
-    ----------
-    name: Of a rival; may be repeated.
-    tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
-    predict: A recording whose garment is known in its first two frames only.
-    out: Folder that gets NAME.json, the answer in the form of `gap run`, and NAME.npz with `before` and `after`, [T, V, 3] m.
-    without: Names of effects to leave out of the library.
+    Args:
+        name: Of a rival; may be repeated.
+        tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
+        predict: A recording whose garment is known in its first two frames only.
+        out: Folder that gets NAME.json, the answer in the form of `gap run`, and NAME.npz with `before` and `after`, [T, V, 3] m.
+        without: Names of effects to leave out of the library.
     """
     from flows.exam_rival import run
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.cli_store import Location, open_named
+from flows.cli_options import Json, Location, open_named
 from flows.endings import OK, Refused
 from storage_schemas.store import Store
 
@@ -19,15 +19,15 @@ def export(
     sequence: str | None = None,
     format_: Annotated[tuple[str, ...], Parameter(name="--format", negative="")] = ("glb", "npz", "mp4"),
     store: Location = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Write the avatar of an actor: glb (skinned, textured), npz (tracked geometry), ply or obj per frame, mp4.
 
-    Parameters
-    ----------
-    actor: Whose.
-    folder: Where to; made if missing.
-    sequence: Which; may be left out when the actor has one.
+    Args:
+        actor: Whose.
+        folder: Where to; made if missing.
+        sequence: Which; may be left out when the actor has one.
+        format_: Which of these, any number of times.
     """
     from flows import avatar
 

@@ -4,15 +4,16 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_store import Location
+from flows.cli_options import Json, Location, Set
 from flows.config import load
-from flows.endings import OK
+from flows.endings import OK, STAGE_FAILED, TIMED_OUT
+from tasks.child_process import ChildTimedOut
 
 app = App(name="gap", help="The gap between simulation and recording: run.")
 
@@ -22,16 +23,15 @@ def of(
     actor: str,
     *,
     sequence: str | None = None,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")] = (),
+    set_: Set = (),
     store: Location = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")] = False,
+    json_: Json = False,
 ) -> int:
     """Process an actor as far as the diagnosis, and show it.
 
-    Parameters
-    ----------
-    actor: Name of a folder below the data folder.
-    sequence: Which of the actor's sequences; may be left out when there is one.
+    Args:
+        actor: Name of a folder below the data folder.
+        sequence: Which of the actor's sequences; may be left out when there is one.
     """
     from flows.submission import Submission
     from storage_schemas.gap import PAGE, Gap
@@ -42,51 +42,66 @@ def of(
     found = submission.store.open(ref, Gap)
     if PAGE in found.files:
         messages.print(f"what it rests on: {submission.store.folder(ref) / 'files' / PAGE}", soft_wrap=True, markup=False, highlight=False)
-    return _tell(found.verdict, json_)
+    _tell(found.verdict, json_)
+    return OK
 
 
 @app.command
 def run(
     *tracks: Path,
-    held_out: Annotated[tuple[Path, ...], Parameter(name="--held-out", negative="")] = (),
+    held_out: Annotated[tuple[Path, ...], Parameter(name="--held-out", negative="", consume_multiple=True)] = (),
     predict: Annotated[Path | None, Parameter(name="--predict")] = None,
     out: Annotated[Path | None, Parameter(name="--out")] = None,
     quick: Annotated[bool, Parameter(name="--quick", negative="")] = False,
-    without: Annotated[tuple[str, ...], Parameter(name="--without", negative="")] = (),
+    without: Annotated[tuple[str, ...], Parameter(name="--without", negative="", consume_multiple=True)] = (),
     report: Annotated[Path | None, Parameter(name="--report")] = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    fps: float | None = None,
+    up: Literal["y", "z"] | None = None,
+    json_: Json = False,
 ) -> int:
     """Diagnose recordings of one garment that anybody tracked.
 
-    Parameters
-    ----------
-    tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
-    held_out: Further recordings, read only when the verdict is fixed; without any, three windows of ten in each recording are kept.
-    predict: A recording whose garment is known in its first two frames only.
-    out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
-    quick: On at most 300 of the garment's vertices, with fewer refits; a prediction still is of all of them.
-    without: Names of effects to leave out of the library.
-    report: An HTML page that shows the verdict and what it rests on; everything as JSON goes beside it.
+    Args:
+        tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
+        held_out: Further recordings, whose motion is looked at only when the verdict is fixed; without any, three windows of ten in each
+            recording are kept.
+        predict: A recording whose garment is known in its first two frames only.
+        out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.
+        quick: On at most 300 of the garment's vertices, with fewer refits; a prediction still is of all of them.
+        without: Names of effects to leave out of the library.
+        report: An HTML page that shows the verdict and what it rests on; everything as JSON goes beside it.
+        fps: Frames per second, instead of what the files say; folders of meshes do not.
+        up: Which axis points up, instead of what the files say.
     """
     from flows import gap
 
-    messages = Console(stderr=True)
-    request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder, report)
+    request = gap.Request(tracks, held_out, predict, out, quick, without, load().effects_folder, report, fps, up)
     start = time.monotonic()
 
     def tell(text: str) -> None:
-        messages.print(f"{time.monotonic() - start:5.0f} s  {text}", style="dim", markup=False, highlight=False)
+        _say(f"{time.monotonic() - start:5.0f} s  {text}", "dim")
 
-    found, _ = gap.run(request, tell=tell)
-    return _tell(found, json_)
+    try:
+        gap.run(request, tell=tell, warn=lambda text: _say(text, "yellow"), show=lambda found: _tell(found, json_))
+    except gap.Unfinished as left:
+        _say(str(left), "red")
+        return STAGE_FAILED
+    except ChildTimedOut as late:
+        _say(f"timed out: {late}; fewer frames, a coarser mesh or --quick take less, and nothing is kept to go on from", "red")
+        return TIMED_OUT
+    return OK
 
 
-def _tell(found: dict[str, Any], json_: bool) -> int:
+def _say(text: str, style: str) -> None:
+    Console(stderr=True).print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def _tell(found: dict[str, Any], json_: bool) -> None:
     if json_:
         sys.stdout.write(json.dumps(found, indent=1, allow_nan=False) + "\n")
     else:
-        _show(found, Console())
-    return OK
+        _show(found, Console(markup=False))  # units stand in square brackets
+    sys.stdout.flush()  # what may still fail does not take the answer along
 
 
 def _show(found: dict[str, Any], console: Console) -> None:

@@ -13,13 +13,12 @@ app = App(name="keypoints", help="The keypoint detector: train.")
 def train(out: Path, *, folder: Path = Path("keypoint_pictures"), images: int = 5000, minutes: float = 60.0, seed: int = 0) -> int:
     """Render random people, then train on them for some minutes and write an ONNX model.
 
-    Parameters
-    ----------
-    out: The model to write.
-    folder: Rendered training pictures; what is missing is rendered first.
-    images: How many pictures.
-    minutes: Wall-clock time of the training.
-    seed: Of pictures and weights.
+    Args:
+        out: The model to write.
+        folder: Rendered training pictures; what is missing is rendered first.
+        images: How many pictures.
+        minutes: Wall-clock time of the training.
+        seed: Of pictures and weights.
     """
     from tasks.body.model import BodyModel
     from tasks.body.stage import demo_body

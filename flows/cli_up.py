@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from flows.cli_options import Set
 from flows.config import load, places_of
 from flows.endings import CANCELLED, Refused
 
@@ -16,15 +17,14 @@ def up(
     host: str | None = None,
     port: int | None = None,
     demo: Annotated[bool, Parameter(negative="")] = False,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    set_: Set = (),
 ) -> int:
     """Start server, automations and local workers, print the UI's address, and stay until Ctrl-C.
 
-    Parameters
-    ----------
-    host: Where the server listens; beyond 127.0.0.1 it asks for a password and needs PostgreSQL.
-    port: Its port.
-    demo: Hand two small demo actors to the workers, to have something to look at.
+    Args:
+        host: Where the server listens; beyond 127.0.0.1 it asks for a password and needs PostgreSQL.
+        port: Its port.
+        demo: Hand two small demo actors to the workers, to have something to look at.
     """
     from flows.service.deployments import read
     from flows.service.server import LOOPBACK
@@ -58,14 +58,13 @@ def worker(
     pool: str,
     *,
     limit: int = 1,
-    set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
+    set_: Set = (),
 ) -> int:
     """Work for one pool of a server elsewhere (service.url), until Ctrl-C.
 
-    Parameters
-    ----------
-    pool: vision, tracking, simulation, rendering or orchestration.
-    limit: How many runs at once.
+    Args:
+        pool: vision, tracking, simulation, rendering or orchestration.
+        limit: How many runs at once.
     """
     from flows.service.parameters import POOLS
     from flows.service.up import stay, work
@@ -84,12 +83,11 @@ def worker(
     return 0
 
 
-def deploy(*, kind: str = "process", set_: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = ()) -> int:
+def deploy(*, kind: str = "process", set_: Set = ()) -> int:
     """Bring automations, pools and deployments of a server elsewhere (service.url) up to date.
 
-    Parameters
-    ----------
-    kind: process (workers run flows themselves), docker or kubernetes (a container per flow run).
+    Args:
+        kind: process (workers run flows themselves), docker or kubernetes (a container per flow run).
     """
     from flows.service.deployments import job_variables, read
     from flows.service.up import furnish

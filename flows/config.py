@@ -80,13 +80,31 @@ def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Map
     for source, text in (*_environment(), *((f"--set {flag}", flag) for flag in overrides)):
         _assign(values, source, text)
     values |= {name: value for name, value in (places or {}).items() if value is not None}
-    match values:  # what was fitted is what is registered
-        case {"body": {"model": model}} if isinstance(values.setdefault("registration", {}), dict):
-            values["registration"].setdefault("model", model)
+    _hand_on(values)
     try:
         return Settings(**values)
     except ValidationError as error:
         raise BadInput(_explain(str(file), problem) for problem in error.errors()) from None
+
+
+def _hand_on(values: dict[str, Any]) -> None:
+    """What is said once and counts for further stages: what was fitted is registered, and the user's effects are suspects of the gap. The
+    cloth knows them only where it is asked to have some: else another effect in the folder would be another cloth.
+    """
+    match values:
+        case {"body": {"model": model}}:
+            _default(values, "registration", "model", model)
+    match values:
+        case {"effects_folder": folder}:
+            _default(values, "gap", "effects_folder", folder)
+    match values:
+        case {"effects_folder": folder, "cloth": {"effects": effects}} if effects:
+            _default(values, "cloth", "effects_folder", folder)
+
+
+def _default(values: dict[str, Any], table: str, name: str, value: Any) -> None:
+    if isinstance(values.setdefault(table, {}), dict):
+        values[table].setdefault(name, value)
 
 
 def places_of(settings: Any) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """A dataset: every sequence below the data folder, planned against the store.
 
 A sequence is finished when all artifacts of its present request are in the store. Whoever finishes one leaves a mark with the digest of
-the request (settings, stage versions, recording) and the artifacts' keys and digests, so that a plan over ten thousand finished sequences
+the request (settings, stage versions, contents of recording and models) and the artifacts' keys and digests, so that a plan over ten thousand finished sequences
 works out no key. A mark is only that short cut: whether the artifacts are there and whole is asked of the store, mark or none (of an object
 store in two requests per artifact).
 """
@@ -22,8 +22,7 @@ from storage_schemas.durable import make_folders, replace_file
 from storage_schemas.key import canonical_json
 from storage_schemas.reference import ArtifactRef, name_faults
 from storage_schemas.store import Store
-from tasks.content_digest import content_digest
-from tasks.stage import SEALED, Parameters
+from tasks.stage import SEALED, Parameters, Stage
 
 State = Literal["finished", "new", "changed", "unfinished", "refused"]
 
@@ -93,10 +92,15 @@ def mark_finished(request: Request, store: Store, done: dict[str, ArtifactRef]) 
 
 def request_digest(request: Request) -> str:
     """Changes whenever any key along the line could change."""
-    stages = {name: [stage.version, stage.writes.schema_version] for name, stage in request.line.stages.items()}
+    stages = {name: [stage.version, stage.writes.schema_version, _weights(request, stage)] for name, stage in request.line.stages.items()}
     settings = request.settings.model_copy(update={"capture": request.settings.capture.model_copy(update={"recording": None})})
-    decides = [same_settings(settings), canonical_json(stages), request.until, content_digest(request.recording)]
+    decides = [same_settings(settings), canonical_json(stages), request.until]
     return hashlib.sha256("\n".join(decides).encode()).hexdigest()
+
+
+def _weights(request: Request, stage: Stage) -> dict[str, str]:
+    """Digests of the model files and folders of a stage: one may be replaced in its place."""
+    return stage.key_fields({}, getattr(request.settings, stage.name))["weights"]
 
 
 def _standing(request: Request, store: Store) -> tuple[State, str]:

@@ -8,6 +8,7 @@ from storage_schemas.faults import DiskFull, StoreFault
 from tasks.geometry.faults import BadInput
 
 OK, STAGE_FAILED, BAD_INPUT, UNREACHABLE, CANCELLED, TIMED_OUT = range(6)
+OF_WORK = {"Cancelled": CANCELLED, "TimedOut": TIMED_OUT}  # by the state in which a run of the service ended
 
 
 class Refused(Exception):
@@ -34,7 +35,7 @@ def ending_of(error: BaseException) -> tuple[int, str]:
             return BAD_INPUT, str(error)
     name = type(error).__name__
     if name == "WorkFailed":
-        return STAGE_FAILED, str(error)
+        return OF_WORK.get(getattr(error, "ending", ""), STAGE_FAILED), str(error)
     if name in {"PrefectHTTPStatusError", "ConnectError", "ConnectTimeout", "ConnectionRefusedError"}:
         return UNREACHABLE, f"the Prefect server cannot be reached: {error}"
     if isinstance(error, TimeoutError) or "TimedOut" in name or "Timeout" in name:

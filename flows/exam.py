@@ -1,16 +1,12 @@
 """The blind check: cases are made, diagnosed by another process that cannot see their truth, and scored. Every case is kept and resumed.
 
-    FOLDER/cases/case-0007/           train-1.npz train-2.npz blind.npz truth.sha256 [withheld]     what the diagnosis may read
-    FOLDER/answers/case-0007/         answer.json pred.npz stderr.txt report.html report.json       what it answered, and what that rests on
-    FOLDER/answers-chance/case-0007/  the same of a rival
-    FOLDER/sealed.truth/case-0007/    truth.json held-out.npz                                       what only the scorer opens
-
-An open exam takes its seed from the user and serves tuning. The seed of a sealed one is drawn from the code that is examined: whoever
-changes the code gets other questions. Every sealed attempt is added to the scoreboard, and what may be quoted is the pool of all attempts
-of a version.
+An open exam takes its seed from the user and serves tuning; what other code has answered is asked again. The seed of a sealed one is drawn
+from the code that is examined: whoever changes the code gets other questions. Every sealed attempt is added to the scoreboard, and what may
+be quoted is the pool of all attempts of a version.
 
 A case is a task: made, diagnosed and answered by rivals on its own. `spread` says where tasks run; their files are the checkpoints, so that
-whoever comes next goes on where the last one stopped, wherever that was.
+whoever comes next goes on where the last one stopped, wherever that was. What is done counts, however a sitting ends, and a case that fails
+keeps no other off.
 """
 
 import hashlib
@@ -19,23 +15,24 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from flows import exam_engine
+from flows.exam_failures import attempted, name_failed
+from flows.exam_folder import OPEN_FILES, Answer, Folder, Row, Say
 from flows.exam_process import run_apart
 from flows.exam_scoreboard import OWN, SCOREBOARD, entered, entries, result, sat
 from storage_schemas.durable import replace_file
-from tasks.child_process import run_in_children
+from tasks.child_process import ChildFailed, ChildTimedOut, run_in_children
 from tasks.exam.generator import other_engine
 from tasks.exam.generator.making import Once, make
-from tasks.exam.generator.recording import Made
 from tasks.exam.generator.strata import Question, engine_questions, questions
 from tasks.exam.generator.subject import Unmakeable
 from tasks.exam.rivals.rival import Rival
@@ -43,89 +40,10 @@ from tasks.exam.scorer.case import closing, score
 
 ROOT = Path(__file__).parents[1]
 EXAMINED = ("tasks/simulator", "tasks/effects", "tasks/cloth", "tasks/gap")
-OPEN_FILES = ("train-1.npz", "train-2.npz", "blind.npz")
-UNMADE = "left-out"  # file of a case that could not be made: why
 TASK_S = 6 * 3600.0  # of everything about one case, in a child process
 THIRD = 3  # slow rivals answer the cases whose number this divides
 Split = Literal["open", "sealed"]
 Engine = Literal["own", "mujoco"]
-Say = Callable[[str], None]
-Row = dict[str, Any]
-
-
-class Folder:
-    """Where the cases, answers and truths of one exam lie."""
-
-    def __init__(self, root: Path) -> None:
-        self.root = Path(root)
-
-    def case(self, number: int) -> Path:
-        """What the diagnosis may read."""
-        return self.root / "cases" / f"case-{number:04d}"
-
-    def answer(self, number: int, rival: str | None = None) -> Path:
-        """What the diagnosis answered, or a rival."""
-        return self.root / ("answers" if rival is None else f"answers-{rival}") / f"case-{number:04d}"
-
-    def sealed(self, number: int) -> Path:
-        """What only the scorer may read; the ending of the folder above closes it to every diagnosis."""
-        return self.root / "sealed.truth" / f"case-{number:04d}"
-
-    def left_out(self, number: int) -> Path:
-        """The file that says why a case could not be made."""
-        return self.case(number) / UNMADE
-
-    def made(self, number: int) -> bool:
-        """Whether the case is whole: its seal is written last."""
-        return (self.case(number) / "truth.sha256").exists()
-
-    def answered(self, number: int, rival: str | None = None) -> bool:
-        """Whether the diagnosis has answered the case, or a rival."""
-        return (self.answer(number, rival) / "answer.json").exists()
-
-    def rests_on(self, number: int) -> str | None:
-        """Where the page of the diagnosis lies, seen from this folder; None where no answer to this case brought one."""
-        page = self.answer(number) / "report.html"
-        return page.relative_to(self.root).as_posix() if page.exists() else None
-
-    def keep_answer(self, number: int, rival: str | None, answer: Row | None, beside: Mapping[str, Path], errors: str) -> None:
-        """What was said on stderr, of the files beside the answer those that were written, then the answer: None is one that failed."""
-        out = self.answer(number, rival)
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "stderr.txt").write_text(errors)
-        for name, written in beside.items():
-            if written.exists():
-                (out / name).write_bytes(written.read_bytes())
-        write_json(out / "answer.json", answer)
-
-    def numbers(self) -> list[int]:
-        """The cases that are whole."""
-        found = (int(p.name.removeprefix("case-")) for p in sorted((self.root / "cases").glob("case-*")))
-        return [n for n in found if self.made(n)]
-
-    def write(self, question: Question, made: Made) -> None:
-        """Recordings, then the truth, then the seal."""
-        case, sealed = self.case(question.number), self.sealed(question.number)
-        case.mkdir(parents=True, exist_ok=True)
-        sealed.mkdir(parents=True, exist_ok=True)
-        for name, arrays in zip(OPEN_FILES, (*made.recordings, made.blind), strict=True):
-            np.savez_compressed(case / name, **arrays)
-        np.savez_compressed(sealed / "held-out.npz", **made.held_out)
-        write_json(sealed / "truth.json", made.truth)
-        if question.withheld:
-            (case / "withheld").write_text("".join(f"{name}\n" for name in question.withheld))
-        self.publish_seal(question.number)
-
-    def publish_seal(self, number: int) -> None:
-        """The SHA-256 of what is sealed, beside what may be read."""
-        replace_file(self.case(number) / "truth.sha256", f"{seal(self.sealed(number))}\n".encode())
-
-    def truth(self, number: int) -> Row:
-        """The truth of a case. Raises ValueError if it is not the one that was sealed."""
-        sealed = self.sealed(number)
-        if seal(sealed) != (self.case(number) / "truth.sha256").read_text().strip():
-            raise ValueError(f"{sealed}: its truth is not what was sealed when the case was made")
-        return json.loads((sealed / "truth.json").read_text())
 
 
 @dataclass(frozen=True)
@@ -166,6 +84,11 @@ class Task:
         """Who answers it; None is the diagnosis."""
         return (*([None] if self.diagnosed else []), *self.rivals)
 
+    @property
+    def answers(self) -> list[Answer]:
+        """Those that it asks for."""
+        return [(self.question.number, candidate) for candidate in self.candidates]
+
     def by(self, candidates: Sequence[str | None]) -> "Task":
         """The same, answered by these alone."""
         return replace(self, diagnosed=None in candidates, rivals=tuple(name for name in candidates if name is not None))
@@ -174,7 +97,7 @@ class Task:
     def done(self) -> bool:
         """Whether nothing is left to do."""
         folder, number = self.exam.folder, self.question.number
-        answered = all(folder.answered(number, rival) for rival in self.candidates)
+        answered = all(folder.answered(*each) for each in self.answers)
         return folder.left_out(number).exists() or (folder.made(number) and answered)
 
 
@@ -198,14 +121,6 @@ def folder_name(seed: int, split: Split, engine: str) -> str:
     """What the folder of an exam is called; a sealed one carries the version that it examines."""
     parts = [split, str(seed), *([version()[:12]] if split == "sealed" else []), *([engine] if engine != OWN else [])]
     return "-".join(parts)
-
-
-def seal(folder: Path) -> str:
-    """SHA-256 over the files of a sealed folder, names and contents."""
-    digest = hashlib.sha256()
-    for file in sorted(folder.iterdir()):
-        digest.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 def generate(folder: Folder, wanted: Sequence[Question], once: Once | None = None) -> Iterator[tuple[int, str]]:
@@ -245,29 +160,64 @@ def do(task: Task, say: Say) -> None:
             ask(folder, number, task.rivals)
 
 
+def tried(task: Task, say: Say) -> bool:
+    """Whether a task came to its end; if not, why is told."""
+    return attempted(f"case {task.question.number}", partial(do, task, say), say)
+
+
 def in_turn(tasks: Sequence[Task], say: Say) -> None:
-    """One after the other, in this process."""
-    for task in tasks:
-        do(task, say)
+    """One after the other, in this process. Raises RuntimeError, once all have been tried, if any failed."""
+    name_failed([task.question.number for task in tasks if not tried(task, say)])
 
 
 def at_once(count: int, hours: float = math.inf) -> Spread:
-    """So many at a time, each in a process of its own: one case is made while another is diagnosed. No case is begun after so many hours."""
+    """So many at a time, each in a process of its own: one case is made while another is diagnosed. No case is begun after so many hours.
+
+    Raises RuntimeError, once all have been tried, if any failed.
+    """
 
     def spread(tasks: Sequence[Task], say: Say) -> None:
-        left, begin_by = [(task,) for task in tasks if not task.done], time.monotonic() + 3600 * hours
-        run_in_children(do, left, limit_s=TASK_S, at_once=count, begin_by=begin_by, on_message=lambda _, line: say(line))
+        left, begin_by = [task for task in tasks if not task.done], time.monotonic() + 3600 * hours
+        failed: list[Task] = []
+        while left and time.monotonic() < begin_by:
+            begun = _apart(left, count, begin_by, say)
+            failed += [task for task in left[:begun] if not task.done]
+            left = left[begun:]
+        name_failed(task.question.number for task in failed)
 
     return spread
+
+
+def _apart(tasks: Sequence[Task], count: int, begin_by: float, say: Say) -> int:
+    """Work on them in processes of their own; how many were begun. One that dies takes with it those under way, and none is begun after it."""
+    begun: set[int] = set()
+
+    def heard(index: int, line: str | None) -> None:
+        begun.add(index)
+        if line is not None:
+            say(line)
+
+    try:
+        run_in_children(_tried_apart, [(task,) for task in tasks], limit_s=TASK_S, at_once=count, begin_by=begin_by, on_message=heard)
+    except (ChildFailed, ChildTimedOut) as death:
+        say(f"{death}; other cases go on, without those that were under way")
+        return max(1, len(begun))
+    return len(begun)
+
+
+def _tried_apart(task: Task, say: Callable[[str | None], None]) -> None:
+    say(None)  # it has begun
+    tried(task, say)
 
 
 def diagnose(folder: Folder, number: int) -> None:
     """Let `physavatar gap run` answer a case."""
     if not folder.answered(number):
+        asked = version()
         options = ["--out", "pred.npz", "--report", "report.html", "--json"]
         with examined(folder, number, ["gap", "run"], options) as (place, text, errors):
             beside = {name: place / name for name in ("pred.npz", "report.html", "report.json")}
-            folder.keep_answer(number, None, _parsed(text), beside, errors)
+            folder.keep_answer(number, None, _parsed(text), by=asked, beside=beside, errors=errors)
 
 
 def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
@@ -275,13 +225,12 @@ def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
     left = [name for name in rivals if not folder.answered(number, name)]
     if not left:
         return
-    names = [word for name in left for word in ("--name", name)]
+    names, asked = [word for name in left for word in ("--name", name)], version()
     with examined(folder, number, ["exam", "rival", *names], ["--out", "."]) as (place, _, errors):
         for name in left:
             told = place / f"{name}.json"
-            folder.keep_answer(
-                number, name, _parsed(told.read_text() if told.exists() else ""), {"pred.npz": place / f"{name}.npz"}, errors
-            )
+            answer = _parsed(told.read_text() if told.exists() else "")
+            folder.keep_answer(number, name, answer, by=asked, beside={"pred.npz": place / f"{name}.npz"}, errors=errors)
 
 
 @contextmanager
@@ -325,20 +274,41 @@ def sit(
 ) -> Row:
     """Make, diagnose and score all cases, or those that `spread` gets done, and let rivals answer them.
 
-    Of a sealed exam the attempt is added to the scoreboard and the pool of all attempts of the version returned; what the scoreboard has of
-    this version and seed already is not answered again, so that an exam may be sat in parts, on any machine. Raises RuntimeError when the
-    examined code was changed meanwhile: the answers would be those of no version.
+    Of a sealed exam the attempt is added to the scoreboard, however the sitting ends, and the pool of all attempts of the version returned;
+    what the scoreboard has of this version and seed already is not answered again, so that an exam may be sat in parts, on any machine. Of an
+    open one what another version answered is asked again. Raises RuntimeError when the examined code of a sealed one was changed meanwhile:
+    the answers would be those of no version.
     """
     began = version()
     wanted = exam.tasks(rivals) if exam.split == "open" else unanswered(exam.tasks(rivals), began, scoreboard)
-    spread(wanted, say)
-    done = [task for task in wanted if task.done]
+    if exam.split == "open":
+        exam.folder.forget_others([answer for task in wanted for answer in task.answers], began, say)
+    tell = partial(_told, exam, wanted, rivals, began, scoreboard, say)
+    return conducted(exam.split, began, partial(spread, wanted, say), tell)
+
+
+def conducted(split: Split, began: str, work: Callable[[], object], tell: Callable[[], Row]) -> Row:
+    """Do the work of a sitting, and tell what of it is done. Of a sealed one that counts however the work ends, unless the examined code is
+    no longer the version that began it: then RuntimeError.
+    """
+    try:
+        work()
+    except BaseException:
+        if split == "sealed" and version() == began:
+            tell()
+        raise
+    if split == "sealed" and version() != began:
+        raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
+    return tell()
+
+
+def _told(exam: Exam, wanted: Sequence[Task], rivals: Sequence[Rival], began: str, scoreboard: Path, say: Say) -> Row:
+    """Mark what is done and tell its figures."""
+    done = [task for task in wanted if task.done and (exam.split == "sealed" or not exam.folder.answers_of_others(task.answers, began))]
     if len(done) < len(wanted):
         say(f"left for another time: {len(wanted) - len(done)} of {len(wanted)} cases")
     made = [task for task in done if exam.folder.made(task.question.number)]
     left_out = [task.question.number for task in done if task not in made]
-    if exam.split == "sealed" and version() != began:
-        raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
     attempt = {"version": began, "seed": exam.seed, "count": exam.count, "engine": exam.engine, "left_out": left_out}
     attempt["cases"] = [mark(exam.folder, task.question.number) for task in made if task.diagnosed]
     ours = [*entries(scoreboard, began, exam.seed, exam.engine), *attempt["cases"]] if exam.split == "sealed" else attempt["cases"]
@@ -369,8 +339,3 @@ def _parsed(text: str) -> Row | None:
     except ValueError:
         return None
     return answer if isinstance(answer, dict) and answer.get("version") == 1 else None
-
-
-def write_json(path: Path, value: Any) -> None:
-    """The whole file, or none."""
-    replace_file(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())

@@ -20,16 +20,18 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flows.demo import vertices_of
-from flows.exam import Folder, Split, sealed_seed, version, write_json
+from flows.exam import Split, conducted, sealed_seed, version
+from flows.exam_failures import attempted, name_failed
+from flows.exam_folder import Folder, Row, Say, write_json
 from flows.exam_process import run_apart
 from flows.exam_scoreboard import PICTURES, SCOREBOARD, entered, result, sat
 from storage_schemas.gap import Gap
@@ -48,8 +50,6 @@ from tasks.exam.scorer.case import score
 from tasks.exam.scorer.demo import vertex_rmse_mm
 
 Array = NDArray[np.float64]
-Row = dict[str, Any]
-Say = Callable[[str], None]
 
 FAULTS = ("gravity_tilt", "body_offset")
 TILT = (0.05, 0.085)  # [rad]
@@ -114,26 +114,41 @@ def sit(
     say: Say = lambda line: None,
 ) -> Row:
     """Make the recordings, run all stages on each, and mark what `gap` says; none is begun after so many hours. A sealed attempt goes to the
-    scoreboard, and what that has of the version is not done again.
+    scoreboard, however the sitting ends, and what that has of the version is not done again; of an open one what another version answered is.
 
-    Raises RuntimeError when the examined code was changed meanwhile.
+    Raises RuntimeError when the examined code was changed meanwhile, or, once all have been tried, if any case failed.
     """
-    began, end, done = version(), time.monotonic() + 3600 * hours, []
+    began, end = version(), time.monotonic() + 3600 * hours
     known = sat(scoreboard, began, seed, PICTURES) if split == "sealed" else set()
     wanted = [q for q in questions(count, seed if split == "open" else sealed_seed(seed)) if q.number not in known]
-    for q in wanted:
-        if time.monotonic() >= end:
+    if split == "open":
+        folder.forget_others([(q.number, None) for q in wanted], began, say)
+
+    def tell() -> Row:
+        done = [
+            q
+            for q in wanted
+            if folder.answered(q.number) and (split == "sealed" or not folder.answers_of_others([(q.number, None)], began))
+        ]
+        if len(done) < len(wanted):
             say(f"left for another time: {len(wanted) - len(done)} of {len(wanted)} cases")
-            break
-        say(f"{q.actor}: recording")
-        make(folder, q)
-        say(f"{q.actor}: all stages")
-        diagnose(folder, q)
-        done.append(q)
-    if split == "sealed" and version() != began:
-        raise RuntimeError("the examined code was changed during the exam; begin again in another folder")
-    attempt = {"version": began, "seed": seed, "count": count, "engine": PICTURES, "left_out": []}
-    return (entered if done else result)(split, attempt | {"cases": [mark(folder, q) for q in done], "rivals": {}}, scoreboard)
+        attempt = {"version": began, "seed": seed, "count": count, "engine": PICTURES, "left_out": []}
+        return (entered if done else result)(split, attempt | {"cases": [mark(folder, q) for q in done], "rivals": {}}, scoreboard)
+
+    return conducted(split, began, partial(_in_turn, folder, wanted, end, say), tell)
+
+
+def _in_turn(folder: Folder, wanted: Sequence[Question], end: float, say: Say) -> None:
+    """One after the other, none begun after `end` on the clock of `time.monotonic`."""
+    begun = (q for q in wanted if time.monotonic() < end)
+    name_failed([q.number for q in begun if not attempted(q.actor, partial(_do, folder, q, say), say)])
+
+
+def _do(folder: Folder, q: Question, say: Say) -> None:
+    say(f"{q.actor}: recording")
+    make(folder, q)
+    say(f"{q.actor}: all stages")
+    diagnose(folder, q)
 
 
 def make(folder: Folder, q: Question) -> None:
@@ -149,20 +164,17 @@ def make(folder: Folder, q: Question) -> None:
 
 def diagnose(folder: Folder, q: Question) -> None:
     """All stages up to `gap`, as `physavatar submit` runs them, in a process of their own; a run that fails or takes too long answers nothing."""
-    out = folder.answer(q.number)
-    if (out / "answer.json").exists():
+    if folder.answered(q.number):
         return
-    out.mkdir(parents=True, exist_ok=True)
-    root = folder.root.resolve()
+    root, asked = folder.root.resolve(), version()
     places = ["--store", str(root / "artifacts"), "--set", f"data={root / 'data'}"]
     text, errors, code = run_apart([sys.executable, "-m", "flows", "submit", q.actor, "--until", "gap", *places, "--json"], root)
-    (out / "stderr.txt").write_text(errors)
     told = {"artifacts": None, "answer": None}
     if code == 0:
         run = json.loads(text)
         verdict = _store(folder).open(ArtifactRef.model_validate(run["artifacts"]["gap"]), Gap).verdict
         told = {"artifacts": run["artifacts"], "answer": {**verdict, "seconds": run["stages"]["gap"]["seconds"]}}
-    write_json(out / "answer.json", told)
+    folder.keep_answer(q.number, None, told, by=asked, beside={}, errors=errors)
 
 
 def mark(folder: Folder, q: Question) -> Row:

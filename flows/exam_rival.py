@@ -12,7 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from flows import gap
+from flows.blind_prediction import BlindPrediction
+from flows.gap_inputs import Request, read
 from storage_schemas.durable import replace_file
 from tasks.child_process import Pool
 from tasks.exam.rivals.answer import answer
@@ -47,11 +48,11 @@ def run(
     """
     asked, told = chosen(names), {}
     refuse([] if out.is_dir() else [Fault(f"--out {out}", "is not a folder", "Create it, or choose another.")])
-    inputs = gap.read(gap.Request(tuple(tracks), predict=predict, out=out / "pred.npz", without=tuple(without)))
+    inputs = read(Request(tuple(tracks), predict=predict, out=out / "pred.npz", without=tuple(without)))
     assert inputs.blind is not None  # `predict` names it
     with Pool(limit_s=LIMIT_S, at_once=os.cpu_count() or 1) as pool:
         case = Case(inputs.garment.model, inputs.garment.recordings, inputs.effects, pool.map)
-        blind = gap.BlindPrediction(pool, inputs.blind)
+        blind = BlindPrediction(pool, inputs.blind)
         refit_s = 0.0
         for rival in asked:
             try:
@@ -64,7 +65,7 @@ def run(
     return told
 
 
-def _answer(rival: Rival, case: Case, blind: gap.BlindPrediction, refit_s: float, out: Path) -> dict[str, Any]:
+def _answer(rival: Rival, case: Case, blind: BlindPrediction, refit_s: float, out: Path) -> dict[str, Any]:
     start = time.perf_counter()
     reply = rival.reply(case)
     blind.write(out / f"{rival.name}.npz", reply.before, reply.after)

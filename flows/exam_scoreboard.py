@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,7 @@ def figures(engine: str, attempts: Sequence[Row]) -> Row:
     for name in dict.fromkeys(name for attempt in attempts for name in attempt.get("rivals", {})):
         theirs = {case: row for case, row in pooled(attempts, name).items() if case in ours}
         same = summary([ours[case] for case in theirs])
-        rivals[name] = {"cases": len(theirs), "figures": summary(list(theirs.values())), "ours": same, "rows": list(theirs.values())}
+        rivals[name] = {"cases": len(theirs), "figures": summary(list(theirs.values())), "ours": same, "rows": _with_seeds(theirs)}
     rows = list(ours.values())
     return {
         "engine": engine,
@@ -92,8 +92,12 @@ def figures(engine: str, attempts: Sequence[Row]) -> Row:
         "too_small": [row["number"] for case, row in pool.items() if case not in ours],
         "figures": summary(rows),
         "rivals": rivals,
-        "rows": [row | {"seed": seed} for (_, seed, _), row in ours.items()],
+        "rows": _with_seeds(ours),
     }
+
+
+def _with_seeds(rows: Mapping[Case, Row]) -> list[Row]:
+    return [row | {"seed": seed} for (_, seed, _), row in rows.items()]
 
 
 def _of_version(scoreboard: Path, of: str) -> list[Row]:

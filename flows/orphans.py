@@ -1,4 +1,7 @@
-"""Servers that a killed run left behind: Prefect's own ephemeral API is a child process that outlives a kill -9 of its parent."""
+"""Servers that a killed run left behind: Prefect's own ephemeral API is a child process that outlives a kill -9 of its parent.
+
+What /proc tells of a process is bytes in whatever encoding: of one whose words are no UTF-8 nothing more is asked than of any other.
+"""
 
 import os
 import signal
@@ -23,18 +26,18 @@ def end_orphaned_servers(home: Path) -> int:
 def _servers() -> Iterator[int]:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
-            if SERVER in (entry / "cmdline").read_text().replace("\0", " "):
+            if SERVER in (entry / "cmdline").read_text(errors="replace").replace("\0", " "):
                 yield int(entry.name)
         except OSError:
             continue  # it ended while we looked
 
 
 def _parent(pid: int) -> int:
-    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()[1])
+    return int(Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(") ")[2].split()[1])
 
 
 def _home(pid: int) -> str | None:
-    for entry in Path(f"/proc/{pid}/environ").read_text().split("\0"):
+    for entry in os.fsdecode(Path(f"/proc/{pid}/environ").read_bytes()).split("\0"):
         name, _, value = entry.partition("=")
         if name == "PREFECT_HOME":
             return value

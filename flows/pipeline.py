@@ -22,12 +22,12 @@ def pipeline(run: Run) -> None:
     inside = run(registration, capture=recording, keypoints=points, body=person, tracking=surface)
     skin = run(skinning, body=inside, tracking=surface)
     garments = run(cloth, capture=recording, body=inside, tracking=surface, skinning=skin)
-    run(appearance, capture=recording, tracking=surface, body=inside, skinning=skin)
     run(gap, capture=recording, tracking=surface, body=inside, cloth=garments)
+    run(appearance, capture=recording, tracking=surface, body=inside, skinning=skin)
 
 
 AVATAR = Line(
-    {s.name: s for s in (capture, keypoints, body, tracking, registration, skinning, cloth, appearance, gap, report)},
+    {s.name: s for s in (capture, keypoints, body, tracking, registration, skinning, cloth, gap, appearance, report)},
     pipeline,
     closing="report",
 )

@@ -5,11 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from flows.pipeline import STAGES
+from tasks.appearance.albedo import held_out_faults
+from tasks.appearance.observations import camera_faults
+from tasks.appearance.stage import AppearanceParameters
 from tasks.capture.recording import Recording
 from tasks.capture.template import Template, read_template
 from tasks.cloth.tracked_scene import FEWEST_FRAMES
 from tasks.geometry.faults import BadInput, Fault, refuse
-from tasks.geometry.parts import SKIN
+from tasks.geometry.parts import SKIN, part_faults
 
 
 def preflight(settings: Any, until: str) -> None:
@@ -18,7 +21,10 @@ def preflight(settings: Any, until: str) -> None:
     faults: list[Fault] = []
     checks: dict[str, Callable[[Any], None]] = {"keypoints": _detector, "body": _body_model}
     try:
-        _surface(*_recording(settings), wanted)
+        recording, template = _recording(settings)
+        faults += [] if template is None else part_faults(template.part, str(recording.template))
+        faults += _appearance(recording, settings.appearance) if "appearance" in wanted else []
+        _surface(recording, template, wanted)
     except BadInput as bad:
         faults += bad.faults
     for stage in wanted:
@@ -43,12 +49,22 @@ def _surface(recording: Recording, template: Template | None, wanted: list[str])
         remedy = "Put the first frame's mesh at template/template.obj, or masks beside the pictures, or stop earlier: --until body."
         raise BadInput([Fault(where, "there is neither a template nor a mask: no surface to track", remedy)])
     if "cloth" in wanted and (template is None or set(template.part) <= {SKIN}):
-        remedy = "Give template/template.obj the garments' faces by name (g skirt, g top …), or stop earlier: --until skinning."
-        what = "there is no template" if template is None else "its template has no part but 'body'"
+        named = recording.template or "template/template.obj"
+        remedy = f"Give {named} the garments' faces by name (g skirt, g top …), or stop earlier: --until skinning."
+        what = "there is no template" if template is None else f"{recording.template} has no part but {SKIN!r}"
         raise BadInput([Fault(where, f"{what}: no garment to simulate", remedy)])
     if "cloth" in wanted and len(recording.frames) < FEWEST_FRAMES:
         remedy = f"Record at least {FEWEST_FRAMES}, or stop earlier: --until skinning."
         raise BadInput([Fault(where, f"{len(recording.frames)} frames tell nothing of how cloth moves", remedy)])
+
+
+def _appearance(recording: Recording, asked: AppearanceParameters) -> list[Fault]:
+    """What pictures without masks, or cameras that cannot be drawn, would say after hours: appearance comes last."""
+    where, earlier = str(recording.root), "or stop earlier: --until gap, or --until cloth."
+    faults = camera_faults(recording.cameras, asked.reduce) + held_out_faults(recording.cameras, asked.judges(recording.cameras))
+    if recording.mask is None:
+        faults.append(Fault("masks", "there are none: no pixel is known to be the actor's", "Put masks beside the pictures."))
+    return [Fault(f"{where}: {f.where}", f.what, f"{f.remedy.removesuffix('.')}, {earlier}") for f in faults]
 
 
 def _detector(settings: Any) -> None:

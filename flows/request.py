@@ -79,21 +79,16 @@ def run_stage(
 ) -> ArtifactRef:
     """Compute one stage, or find it, as a task of the Prefect flow this is called from; `shared` with helpers."""
     parameters = request.parameters(stage, done, store)
-    key = stage.key(inputs, parameters)
-    known = store.find(request.actor, request.sequence, stage.name, key) is not None
-    with record.stage(stage.name, key) as report:
+    with record.stage(stage.name, stage.key(inputs, parameters)) as report:
         task = stage.as_task(store, recording=request.recording, progress=report.progress, warn=report.warn, shared=shared)
-        # Prefect's record of a result can outlive the artifact it names: it counts only while the artifact is in the store
-        result = task.with_options(refresh_cache=not known)(
+        result = task(
             request.actor,
             request.sequence,
             {name: ref.model_dump(mode="json") for name, ref in inputs.items()},
             parameters.model_dump(mode="json"),
-        )
-        ref = ArtifactRef.model_validate(result["ref"])
-        store.set_latest(ref)
-        report.done(cached=known, seconds=0.0 if known else result["seconds"])
-    return ref
+        ).result()
+        report.done(cached=result["cached"], seconds=0.0 if result["cached"] else result["seconds"])
+    return ArtifactRef.model_validate(result["ref"])
 
 
 def _why(fields: dict[str, Any], before: ArtifactRef | None, store: Store) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import signal
 import threading
 import time
@@ -20,13 +21,18 @@ WRITE_EVERY_S = 1.0
 
 @dataclass
 class RunRecord:
-    """One run as it goes. `listen` is told of every change (the progress bars); the file is written at most once a second. Any thread may tell."""
+    """One run as it goes. `listen` is told of every change (the progress bars); the file is written at most once a second. Any thread may tell.
+
+    flow_run: of the service, which does again what only its process was told to stop; None where somebody's command carries the run out.
+    The id is no other run's: in two containers over one store, second and process number may be the same.
+    """
 
     root: Path
     actor: str
     sequence: str
     listen: Callable[["RunRecord"], None] = lambda record: None
-    id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{os.getpid()}")
+    id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{os.getpid()}-{secrets.token_hex(3)}")
+    flow_run: str | None = None
     state: str = "running"
     owner: Owner = field(default_factory=Owner.this_process)
     started: float = field(default_factory=time.time)
@@ -77,13 +83,13 @@ class RunRecord:
             if time.time() - self._written < at_most_every:
                 return
             self._written = time.time()
-            aside = self.file.with_suffix(f".{os.getpid()}.tmp")
+            aside = self.file.with_suffix(".tmp")
             aside.write_text(json.dumps(self.as_json()))
             aside.replace(self.file)
 
     def as_json(self) -> dict[str, Any]:
         """Everything but the listener."""
-        names = ("id", "actor", "sequence", "state", "started", "ended", "stages", "error")
+        names = ("id", "actor", "sequence", "flow_run", "state", "started", "ended", "stages", "error")
         told = {name: getattr(self, name) for name in names}
         return told | {"pid": self.owner.pid, "host": self.owner.host, "owner": self.owner.model_dump(mode="json")}
 
@@ -123,16 +129,23 @@ def list_runs(root: Path) -> list[dict[str, Any]]:
     return found
 
 
-def find_run(root: Path, run_id: str | None) -> dict[str, Any] | None:
-    """The run of this id (or its beginning), or the newest."""
+def find_run(root: Path, run_id: str | None, *, own: bool = False) -> dict[str, Any] | None:
+    """The run of this id (or its beginning), or the newest; where `own`, the newest that is not the service's, if there is one."""
     runs = list_runs(root)
+    if own and run_id is None:
+        runs = [run for run in runs if run.get("flow_run") is None] or runs
     return next((r for r in runs if run_id is None or r["id"].startswith(run_id)), None)
 
 
 def stop(run: dict[str, Any]) -> None:
-    """Ask the process of a run to end. Raises Refused when the run is over, or goes on where this machine's process numbers mean nothing."""
+    """Ask the process of a run to end. Raises Refused when the run is over, goes on where this machine's process numbers mean nothing, or is
+    the service's.
+    """
     if run["state"] != "running":
         raise Refused(f"run {run['id']} is not running: it {run['state']}")
+    if run.get("flow_run") is not None:
+        told = f"cancel {run['actor']} {run['sequence']!r} in the Prefect UI"
+        raise Refused(f"run {run['id']} is flow run {run['flow_run']} of the service, which would begin it again: {told}")
     owner = Owner.model_validate(run["owner"])
     if owner.machine != Owner.this_process().machine:
         raise Refused(f"run {run['id']} goes on as process {owner.pid} on {owner.host}: cancel it there")

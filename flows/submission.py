@@ -136,12 +136,14 @@ class Submission:
         return None if planned.key is None else self.store.find(self.request.actor, self.request.sequence, planned.stage, planned.key)
 
     def forget_from(self, stage: str) -> None:
-        """Remove the artifacts that this request would find for `stage` and all after it, so that they are computed anew."""
+        """Remove the artifacts that this request would find for `stage` and all that is made from it, so that they are computed anew."""
         if stage not in STAGES:
             raise Refused(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}")
-        after = list(STAGES)[list(STAGES).index(stage) :]
+        gone = {stage}
         for planned in plan_actor(self.request, self.store):
-            if planned.stage in after and (ref := self._ref(planned)) is not None:
+            ref = self._ref(planned)
+            if ref is not None and gone & {planned.stage, *(made_from.stage for made_from in self.store.provenance(ref).inputs.values())}:
+                gone.add(planned.stage)
                 self.store.retire(ref)
 
 

@@ -3,7 +3,8 @@
 * World: metres, y up. `up` MUST be the axis that pointed up in the recording before it was turned, as in "y" or "-z".
 * Cameras: OpenCV axes, x_cam = R x + t, `R` MUST be a rotation. `K` is in pixels with the centre of the first pixel at
   (0.5, 0.5). `distortion` is k1, k2, p1, p2, k3. `size` is width, height.
-* `frame_numbers` MUST increase. Index along `frame` elsewhere means position in this list.
+* `frame_numbers` MUST increase; readers take evenly spaced ones only. Index along `frame` elsewhere means position in this list.
+* `fps` is the rate of these frames, in 1/s: of every second frame, half the rate at which the cameras ran.
 * `rgb` and, where the recording has masks, `mask` give per camera a path below the recording's folder, with `/`, and with
   `{frame:06d}` where every frame is a file of its own, without where the camera has a video. Where that folder lies is
   not kept: a recording that moves keeps its artifacts.

@@ -168,7 +168,7 @@ def _machine() -> str:
 def _start_time(pid: int) -> int | None:
     """Clock ticks from boot to the start of a process; None when there is no such process, or no /proc."""
     try:
-        after_name = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        after_name = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
     except (FileNotFoundError, ProcessLookupError):
         return None
     return None if after_name[0] == "Z" else int(after_name[19])

@@ -37,6 +37,7 @@ from storage_schemas.publication import present_digest, publish
 from storage_schemas.record import Record
 from storage_schemas.reference import Address, ArtifactRef
 from storage_schemas.sweep import Swept, sweep, touch
+from storage_schemas.tree import size_of
 
 R = TypeVar("R", bound=Record)
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # with one slash too: a `Path` of s3://bucket has no more
@@ -140,7 +141,7 @@ class Store:
 
     def size(self) -> int:
         """Bytes of all artifacts together."""
-        return sum(path.stat().st_size for at in addresses(self.root) for path in self.folder(at).rglob("*") if path.is_file())
+        return sum(size_of(self.folder(at)) for at in addresses(self.root))
 
     def verify(self, ref: Address | None = None) -> Sequence[Fault]:
         """Reads every byte of one artifact, or of all; what is wrong, empty when all is as published."""
@@ -163,7 +164,7 @@ class Store:
         return ArtifactRef(store=str(self.root), digest=digest, **where)
 
     def _entry(self, address: Address) -> Entry:
-        size = sum(path.stat().st_size for path in self.folder(address).rglob("*") if path.is_file())
+        size = size_of(self.folder(address))
         try:
             manifest, digest = Manifest.read(self.folder(address))
         except Corrupt:

@@ -9,8 +9,10 @@ If the provenance of anything kept cannot be read, its inputs are unknown and no
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
+from stat import S_ISREG
 
 from pydantic import BaseModel, ConfigDict
 
@@ -21,6 +23,7 @@ from storage_schemas.lease import is_live
 from storage_schemas.manifest import MANIFEST
 from storage_schemas.pointers import pinned_keys, read_latest
 from storage_schemas.reference import Address
+from storage_schemas.tree import size_of, stats
 
 
 class Swept(BaseModel):
@@ -39,7 +42,7 @@ def sweep(root: Path, *, older_than: timedelta, dry_run: bool) -> Swept:
     kept = _marked(root, before)
     artifacts = [artifact_folder(root, address) for address in addresses(root) if address not in kept]
     left_overs = [path for stage in stage_folders(root) for path in _left_overs(stage, before)]
-    size = sum(map(_size, artifacts + left_overs))
+    size = sum(map(size_of, artifacts + left_overs))
     if not dry_run:
         for folder in artifacts:
             _remove_artifact(folder, before)
@@ -80,13 +83,15 @@ def _counted_on(root: Path) -> set[Address]:
 
 
 def _last_asked(folder: Path) -> float:
-    manifest = folder / MANIFEST
-    return manifest.stat().st_mtime if manifest.exists() else 0.0
+    try:
+        return (folder / MANIFEST).stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _left_overs(stage: Path, before: float) -> list[Path]:
     asides = [path for path in stage.glob(f"{ASIDE}*") if path.is_dir() and not is_live(aside_lease_file(path))]
-    torn = [path for path in stage.rglob(f"{ASIDE}*") if path.is_file() and path.stat().st_mtime < before]
+    torn = [Path(name) for name, status in stats(stage) if S_ISREG(status.st_mode) and _is_torn(name) and status.st_mtime < before]
     checkpoints = [path for path in stage.glob(".ckpt/*") if not is_live(lease_file(stage, path.name)) and _newest(path) < before]
     return sorted(asides + torn + checkpoints)
 
@@ -95,7 +100,8 @@ def _remove_artifact(folder: Path, before: float) -> None:
     """Out of sight in one step, so that nobody finds half an artifact; then removed at leisure."""
     if _last_asked(folder) < before:  # asked for since it was marked: somebody is about to use it
         aside = new_aside(folder.parent, "swept")
-        folder.rename(aside)
+        with suppress(FileNotFoundError):  # retired meanwhile, or swept by another
+            folder.rename(aside)
         remove_tree(aside)
 
 
@@ -107,9 +113,9 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def _is_torn(name: str) -> bool:
+    return Path(name).name.startswith(ASIDE)
+
+
 def _newest(folder: Path) -> float:
-    return max((path.stat().st_mtime for path in (folder, *folder.rglob("*"))), default=0.0)
-
-
-def _size(path: Path) -> int:
-    return sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file())
+    return max((status.st_mtime for _, status in stats(folder)), default=0.0)

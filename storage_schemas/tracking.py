@@ -1,7 +1,7 @@
 """Tracking: the dressed surface, one welded mesh that keeps its vertices over the whole sequence.
 
-* `vertices` is where tracking puts each vertex; `seen` whether any camera saw it there, `noise_m` the standard deviation
-  of its position. A vertex that is not seen MAY be NaN and MUST NOT be compared with anything.
+* `vertices` is where tracking puts each vertex; `seen` whether two cameras saw it there, `noise_m` the standard deviation of a coordinate
+  of its position where it is seen. A vertex that is not seen MAY be NaN and MUST NOT be compared with anything; its `noise_m` says nothing.
 * `faces` index `vertices`; a texture seam has no double vertices, so `uv_faces` index `uv_vertices` separately.
 * `part_of_face` indexes `part_names`: "body" and the names of the garments.
 * `photometric_rms` compares render and image over the person, in units of full white.

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -177,17 +177,20 @@ class _Staying:
 
     def compute(self, function: Callable[[Any], Any], item: Any, limit_s: float) -> Any:
         """Raises BrokenProcessPool or TimeoutError; the next computation has another process then."""
+        try:
+            return self._submitted(function, item).result(timeout=limit_s)
+        except (BrokenProcessPool, TimeoutError):
+            self.end()
+            raise
+
+    def _submitted(self, function: Callable[[Any], Any], item: Any) -> Future:
+        """Raises BrokenProcessPool already here where the process died since its last computation."""
         with self._changing:
             if self._ended:
                 raise ChildFailed("the pool has ended")
             if self._executor is None:
                 self._executor = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
-            future = self._executor.submit(function, item)
-        try:
-            return future.result(timeout=limit_s)
-        except (BrokenProcessPool, TimeoutError):
-            self.end()
-            raise
+            return self._executor.submit(function, item)
 
     def end(self, *, for_good: bool = False) -> None:
         """Kill it."""

@@ -2,6 +2,9 @@
 
 A recording of hundreds of gigabytes is read once, not at every look whether its results are in the store. What changed within the last
 two seconds is not remembered: it could change again within the clock's tick and look the same.
+
+A folder behind a link belongs to the content, for whoever reads the recording reads it too; the digest is that of a copy with the links
+resolved. A link back to a folder that holds it adds nothing.
 """
 
 import hashlib
@@ -11,7 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from storage_schemas.tree import files_below, sha256_of
+from storage_schemas.tree import entries_below, sha256_of
 from tasks.geometry.faults import BadInput, Fault
 
 SETTLED_S = 2.0
@@ -35,7 +38,7 @@ def _digest(path: Path) -> str:
     if not path.is_dir():
         return sha256_of(path)
     tree = hashlib.sha256()
-    for within, entry in files_below(path):
+    for within, entry in _files(path):
         tree.update(f"{within}\0{sha256_of(entry.path)}\n".encode())
     return tree.hexdigest()
 
@@ -51,9 +54,24 @@ def _signature(path: Path) -> tuple[str, float]:
 
 def _stats(path: Path) -> Iterator[tuple[str, os.stat_result]]:
     if path.is_dir():
-        yield from ((within, entry.stat()) for within, entry in files_below(path))
+        yield from ((within, entry.stat()) for within, entry in _files(path))
     else:
         yield "", path.stat()
+
+
+def _files(folder: Path | str, above: str = "", came_by: tuple[str, ...] = ()) -> Iterator[tuple[str, os.DirEntry]]:
+    """As `files_below`, also behind links to folders; `came_by`: where the links that led here truly lie."""
+    for within, entry in entries_below(folder):
+        if entry.is_file():
+            yield f"{above}{within}", entry
+        elif entry.is_symlink() and entry.is_dir():
+            lies = (*came_by, os.path.realpath(os.path.dirname(entry.path)))  # noqa: PTH120
+            if not any(_holds(os.path.realpath(entry.path), at) for at in lies):
+                yield from _files(entry.path, f"{above}{within}/", lies)
+
+
+def _holds(folder: str, place: str) -> bool:
+    return Path(place).is_relative_to(folder)
 
 
 def _memory(path: Path) -> Path:

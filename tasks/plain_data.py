@@ -96,7 +96,7 @@ def _is_row(kind: Any) -> bool:
 
 
 def _digested(value: Any, seen: Any) -> None:
-    seen.update(f"{type(value).__qualname__}(".encode())
+    seen.update(f"{type(value).__module__}.{type(value).__qualname__}(".encode())  # two plug-ins may give their classes one name
     match value:
         case np.ndarray() if value.dtype != object:
             seen.update(f"{value.dtype.str}{value.shape}".encode())

@@ -6,7 +6,7 @@
 The annotations are the declaration: records are the inputs, `parameters` the settings, the return type what is published. The key of the
 result is known before anything runs (`Stage.key`), so a result that is in the store is never computed again. A `ModelFile` or
 `Folder` among the parameters enters the key by content, not by path, and by its stand-in where it is left out and has one (`Otherwise`).
-Prefect sees one cached task per stage; the store, not Prefect's cache, decides what is done.
+Prefect sees one task per stage, and shows it as Cached where the store had the artifact; Prefect's own cache is not asked.
 """
 
 import shutil
@@ -191,24 +191,27 @@ class Stage:
             self.function(job, **opened, parameters=parameters)
 
     def as_task(self, store: Store, **circumstances: Any) -> Any:
-        """This stage as a Prefect task whose cache key is the key of the artifact; its arguments and its result are small JSON.
+        """This stage as a Prefect task whose arguments and result are small JSON.
 
-        `task(actor=, sequence=, inputs=, parameters=)` returns {"ref": ..., "cached": bool, "seconds": s}.
+        `task(actor=, sequence=, inputs=, parameters=)` returns a completed state, named Cached where the store had the artifact, whose
+        `result()` is {"ref": ..., "cached": bool, "seconds": s}.
         """
         from prefect import task
+        from prefect.cache_policies import NO_CACHE
+        from prefect.states import Completed, State
 
-        def compute(actor: str, sequence: str, inputs: dict[str, Any], parameters: dict[str, Any]) -> dict[str, Any]:
+        def compute(actor: str, sequence: str, inputs: dict[str, Any], parameters: dict[str, Any]) -> State:
             outcome = self.run(store, actor, sequence, *self._typed(inputs, parameters), **circumstances)
-            return {"ref": outcome.ref.model_dump(mode="json"), "cached": outcome.cached, "seconds": outcome.seconds}
+            told = {"ref": outcome.ref.model_dump(mode="json"), "cached": outcome.cached, "seconds": outcome.seconds}
+            return Completed(name="Cached" if outcome.cached else "Completed", data=told)
 
         return task(
             compute,
             name=self.name,
             task_run_name=f"{{actor}} {{sequence}} {self.name}",
             tags=[self.pool],
-            cache_key_fn=lambda _, arguments: self.key(*self._typed(arguments["inputs"], arguments["parameters"])),
-            persist_result=True,
-            result_serializer="json",
+            cache_policy=NO_CACHE,
+            persist_result=False,
             retries=self.retries,
             retry_delay_seconds=5,
             retry_condition_fn=_worth_retrying,

@@ -115,6 +115,16 @@ def test_a_pool_keeps_order_and_begins_again_what_was_killed(tmp_path):
         assert len(pool.reasons) == 1 and "killed" in pool.reasons[0]
 
 
+def test_a_process_that_dies_between_two_computations_is_replaced():
+    """The executor knows of the death long before it is asked again, and refuses then."""
+    with Pool(limit_s=60, at_once=1) as pool:
+        [(_, pid)] = pool.map(worked, [1])
+        os.kill(pid, signal.SIGKILL)
+        time.sleep(0.5)
+        [(_, other)] = pool.map(worked, [2])
+        assert other != pid and len(pool.reasons) == 1
+
+
 def dies_once_beside_another(path):
     """The first is killed while the second, which notes every time it is begun, is under way."""
     if path.endswith("doomed"):

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import time
 
 import pytest
@@ -61,6 +62,33 @@ def test_what_changed_just_now_is_not_remembered(folder, monkeypatch):
     seen = read(monkeypatch)
     content_digest(folder)
     assert folder in seen
+
+
+@pytest.mark.parametrize("inside", ["", "a/"])
+def test_a_folder_behind_a_link_counts_as_the_folder_itself(folder, tmp_path, inside):
+    """A recording may keep its pictures on another disk."""
+    whole = content_digest(folder)
+    (folder / "a").rename(tmp_path / "disk")
+    (folder / "a").symlink_to(tmp_path / "disk")
+    (tmp_path / "other").mkdir()
+    (folder / inside / "z").symlink_to(tmp_path / "other")
+    assert content_digest(folder) == whole
+    (tmp_path / "other/three.jpg").write_bytes(b"3")
+    (tmp_path / "disk/one.jpg").write_bytes(b"a/onE.jpg")
+    changed = content_digest(folder)
+    (folder / "a").unlink(), shutil.copytree(tmp_path / "disk", folder / "a", symlinks=True)
+    assert content_digest(folder) == changed != whole
+
+
+def test_links_that_lead_back_add_nothing_and_end(folder, tmp_path):
+    whole = content_digest(folder)
+    (folder / "a/up").symlink_to(folder)
+    (folder / "a/here").symlink_to(folder / "a")
+    assert content_digest(folder) == whole
+    (tmp_path / "one").mkdir(), (tmp_path / "two").mkdir()
+    (tmp_path / "one/b").symlink_to(tmp_path / "two")
+    (tmp_path / "two/c").symlink_to(tmp_path / "one")
+    assert content_digest(tmp_path / "one") == hashlib.sha256().hexdigest()
 
 
 def test_a_damaged_memory_or_a_read_only_home_costs_time_only(folder, tmp_path, monkeypatch):

@@ -103,3 +103,9 @@ def test_a_digest_is_of_content_not_of_objects():
 def test_any_difference_is_another_digest(other):
     one = Outer(Inner(np.arange(6.0).reshape(2, 3)))
     assert not same(one, other(one))
+
+
+def test_classes_of_one_name_from_two_files_are_not_the_same():
+    here, there = (type("Magnet", (), {"__module__": name}) for name in ("effect_here", "effect_there"))
+    assert same(here(), here())
+    assert not same(here(), there())

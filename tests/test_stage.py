@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from prefect.cache_policies import NO_CACHE
 
 from storage_schemas.skinning import Skinning
 from storage_schemas.store import Store
@@ -60,6 +61,15 @@ def test_two_submits_of_one_key_compute_once(tmp_path):
     for process in both:
         process.join()
     assert (tmp_path / "log").read_text() == f"{RAN}\n"
+
+
+def test_prefect_shows_as_cached_what_the_store_had_for_this_actor_and_asks_no_cache_of_its_own(tmp_path):
+    """Two actors with the same recording have the same key: a record under it would name the artifact of whoever came last."""
+    task = skin.as_task(Store(tmp_path / "store"))
+    ended = [task.fn(actor, "one", {}, SkinParameters().model_dump(mode="json")) for actor in ("ann", "bob", "ann", "bob")]
+    assert [state.name for state in ended] == ["Completed", "Completed", "Cached", "Cached"]
+    assert [state.result()["ref"]["actor"] for state in ended] == ["ann", "bob", "ann", "bob"]
+    assert task.cache_policy == NO_CACHE and not task.persist_result
 
 
 def test_a_model_file_enters_the_key_by_content(tmp_path):

@@ -4,11 +4,12 @@ import asyncio
 from typing import Any
 
 from prefect import Flow, flow
+from prefect.client.schemas.objects import State
 
 from flows.dataset import mark_finished
 from flows.request import Request
 from flows.service.cancellation import cancel_children
-from flows.service.dispatch import Work, WorkFailed, digest, dispatch
+from flows.service.dispatch import FAILED, Work, WorkFailed, digest, dispatch
 from flows.service.order import Service
 from flows.service.settings import json_settings
 from flows.service.shown import show_stages
@@ -23,9 +24,16 @@ def actor_flow(service: Service) -> Flow:
     """The flow `actor`: one sequence of one actor through all pools."""
 
     @flow(name="actor", flow_run_name="{actor} {sequence}", persist_result=False, on_cancellation=[cancel_children])
-    async def actor(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", queue: str = "single") -> None:
+    async def actor(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", queue: str = "single") -> State | None:
         request, store = service.open(actor, sequence, until, settings)
-        mark_finished(request, store, await conduct(request, store, queue))
+        try:
+            done = await conduct(request, store, queue)
+        except WorkFailed as failed:
+            if failed.ending == FAILED:
+                raise
+            return failed.as_state()
+        mark_finished(request, store, done)
+        return None
 
     return actor
 
@@ -34,6 +42,7 @@ async def conduct(request: Request, store: Store, queue: str) -> dict[str, Artif
     """Dispatch until everything is in the store. Raises WorkFailed, once nothing more is under way, if any group failed."""
     flying: dict[str, tuple[asyncio.Task, dict[str, str]]] = {}
     failures: dict[str, str] = {}
+    endings: set[str] = set()
     shown: tuple[set[str], set[str]] | None = None
     while True:
         found = survey(request, store)
@@ -52,8 +61,9 @@ async def conduct(request: Request, store: Store, queue: str) -> dict[str, Artif
             task, stages = flying.pop(pool)
             if reason := _failure(task, stages, survey(request, store).ready.get(pool, {})):
                 failures[pool] = reason
+                endings.add(getattr(task.exception(), "ending", FAILED))
     if failures:
-        raise WorkFailed("; ".join(failures.values()))
+        raise WorkFailed("; ".join(failures.values()), endings.pop() if len(endings) == 1 else FAILED)
     return found.done
 
 

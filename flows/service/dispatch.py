@@ -20,23 +20,33 @@ from typing import Any, TypeVar
 import httpx
 from prefect.client.orchestration import PrefectClient, get_client
 from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterIdempotencyKey
-from prefect.client.schemas.objects import FlowRun
+from prefect.client.schemas.objects import FlowRun, State
 from prefect.deployments import arun_deployment
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.runtime import flow_run as this_run
+from prefect.states import Cancelled, Failed
 
 from storage_schemas.key import canonical_json
 
 CRASHES = 3
 POLL_S = 2.0
 PATIENCE_S = 300.0
+FAILED, CANCELLED = "Failed", "Cancelled"  # names of states
 AT_ONCE = 200  # the longest list the API returns
 
 T = TypeVar("T")
 
 
 class WorkFailed(RuntimeError):
-    """A child that ended otherwise than Completed; the text says which, how and why."""
+    """A child that ended otherwise than Completed; the text says which, how and why, `ending` is the name of its state."""
+
+    def __init__(self, text: str, ending: str = FAILED) -> None:
+        super().__init__(text)
+        self.ending = ending
+
+    def as_state(self) -> State:
+        """In which whoever dispatched the child ends too, so that the next above still knows."""
+        return Cancelled(message=str(self)) if self.ending == CANCELLED else Failed(name=self.ending, message=str(self))
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,7 @@ async def dispatch(work: Work) -> FlowRun:
                 return run
             message = run.state.message or "no reason given"
             if not run.state.is_crashed():
-                raise WorkFailed(f"{work.name}: {run.state.name}: {message}")
+                raise WorkFailed(f"{work.name}: {run.state.name}: {message}", run.state.name or FAILED)
     raise WorkFailed(f"{work.name}: crashed {1 + CRASHES} times, the last time: {message}")
 
 

@@ -3,7 +3,11 @@
 from typing import Any
 
 from prefect import Flow, flow
+from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run as this_run
+from prefect.states import Failed
 
+from flows.endings import TIMED_OUT, ending_of, state_of
 from flows.line import present
 from flows.request import Request, run_stage
 from flows.runs import RunRecord
@@ -21,11 +25,17 @@ def group_flow(service: Service, pool: str) -> Flow:
     """The flow that workers of `pool` run."""
 
     @flow(name=pool, persist_result=False)  # whoever dispatches names the run after its stages
-    def group(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", helpers: int = 0) -> None:
+    def group(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", helpers: int = 0) -> State | None:
         refuse_foreign_records()
         end_orphans()
         request, store = service.open(actor, sequence, until, settings)
-        advance(request, store, pool, helpers)
+        try:
+            advance(request, store, pool, helpers)
+        except Exception as error:
+            code, said = ending_of(error)
+            if code != TIMED_OUT:
+                raise
+            return Failed(name="TimedOut", message=said)
 
     return group
 
@@ -37,7 +47,8 @@ def advance(request: Request, store: Store, pool: str, helpers: int = 0) -> dict
     """
     from flows.service.pictures import show  # meshes are drawn with numba: not for runs that only wait or sweep
 
-    record = RunRecord(store.root, request.actor, request.sequence, listen=Shown(request.actor, request.sequence))
+    shown = Shown(request.actor, request.sequence)
+    record = RunRecord(store.root, request.actor, request.sequence, listen=shown, flow_run=this_run.id)
 
     def bring(stage: Stage, inputs: dict[str, ArtifactRef | None], done: dict[str, ArtifactRef]) -> ArtifactRef | None:
         ready = present(inputs)
@@ -56,7 +67,7 @@ def advance(request: Request, store: Store, pool: str, helpers: int = 0) -> dict
     try:
         done = request.line.walk(request.until, bring)
     except BaseException as error:
-        record.end("failed", f"{type(error).__name__}: {error}".splitlines()[0])
+        record.end(state_of(error), f"{type(error).__name__}: {error}".splitlines()[0])
         raise
     record.end("completed")
     return done

@@ -66,7 +66,7 @@ def processes() -> Iterator[Process]:
         try:
             if entry.stat().st_uid != os.getuid():
                 continue
-            command = (entry / "cmdline").read_text()
+            command = (entry / "cmdline").read_text(errors="replace")
             run = _variable((entry / "environ").read_text(errors="replace"), RUN_ID)
         except OSError:
             continue  # it ended while we looked, or is not ours to see

@@ -84,7 +84,7 @@ def solve_albedo(
     not enter the fit but are scored. `reduce` shrinks images by a whole factor. The mesh must hold everything that blocks light, the
     body under the garment included. Raises BadInput.
     """
-    faults = camera_faults(cameras, reduce) + _held_out_faults(cameras, held_out)
+    faults = camera_faults(cameras, reduce) + held_out_faults(cameras, held_out)
     refuse(faults + scene_faults(vertices[list(frames)], faces, uv_vertices, uv_faces))
     scene = Scene(vertices[list(frames)], faces, uv_vertices, uv_faces, cameras.scaled(1 / reduce))
     hits = scene.trace(rays=rays, seed=seed)
@@ -130,7 +130,8 @@ def conjugate_gradients(equations: NormalEquations, b: NDArray, x: NDArray, free
     return x, float(np.sqrt((rz / norm).max()))
 
 
-def _held_out_faults(cameras: Cameras, held_out: Sequence[int]) -> list[Fault]:
+def held_out_faults(cameras: Cameras, held_out: Sequence[int]) -> list[Fault]:
+    """Judges that are no camera of the rig."""
     count = len(cameras)
     return [Fault("held_out", f"camera {k} of a rig of {count}", f"Name one of 0 to {count - 1}.") for k in held_out if not 0 <= k < count]
 

@@ -10,6 +10,7 @@ from storage_schemas.registration import Registration
 from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.appearance.albedo import solve_albedo
+from tasks.geometry.cameras import Cameras
 from tasks.geometry.parts import skin_vertices
 from tasks.recorded import recorded
 from tasks.skinning.linear_blend import repose
@@ -24,6 +25,10 @@ class AppearanceParameters(Parameters):
     reduce: int = Field(default=1, ge=1)
     held_out: int = Field(default=2, ge=0)
     fit_gain: bool = True
+
+    def judges(self, cameras: Cameras) -> list[int]:
+        """The cameras of a rig that do not enter the fit."""
+        return [self.held_out] if len(cameras) > 3 else []
 
 
 @stage("appearance", version=3, pool="rendering", timeout_s=4 * 3600)
@@ -45,7 +50,7 @@ def appearance(
         tracking.uv_faces,
         frames=frames,
         texture_size=(parameters.texture_size, parameters.texture_size),
-        held_out=[parameters.held_out] if len(recording.cameras) > 3 else [],
+        held_out=parameters.judges(recording.cameras),
         reduce=parameters.reduce,
         fit_gain=parameters.fit_gain,
     )

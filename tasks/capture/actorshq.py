@@ -4,7 +4,9 @@
         4x/    calibration.csv  light_annotations.csv  rgbs/CamCCC/CamCCC_rgbFFFFFF.jpg  masks/CamCCC/CamCCC_maskFFFFFF.png
 
 Cameras have their own sizes (Cam127 stands upright). physavatar.json {fps, up, mass_kg, first_frame} and template/ are this project's
-additions; both may be absent. Source: synthesiaresearch/humanrf, actorshq/dataset (Işık et al. 2023).
+additions; both may be absent. `fps` counts consecutive frame numbers. template/ shows the recording's first frame by its parts, which
+meshes/ do not tell: it is taken for that frame, for any other that frame's own mesh. Source: synthesiaresearch/humanrf, actorshq/dataset
+(Işık et al. 2023).
 
 Before anything else runs, every file of the selection is looked at: name, header, size, last bytes; a mask small enough to be empty is
 decoded. `deep=True` decodes every picture. What neither sees is damage inside a JPEG whose end is intact. Files of cameras and frames
@@ -22,10 +24,13 @@ from pathlib import Path
 import numpy as np
 
 from tasks.capture.calibration_actorshq import read_calibration_csv, read_csv
+from tasks.capture.frame_rate import rate_of, rate_warnings, spacing_faults
 from tasks.capture.images import picture_fault
 from tasks.capture.recording import Recording, to_y_up, up_faults, validate_name
+from tasks.capture.template import read_mesh
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault, refuse
+from tasks.geometry.parts import SKIN
 
 AABB_COLUMNS = ["frame_number"] + [f"aabb_{end}_{axis}" for end in ("min", "max") for axis in "xyz"]
 FPS = 25.0  # ActorsHQ's own; the folders do not store it
@@ -62,21 +67,23 @@ def read_actorshq(
         rig = rig.subset(_selected(rig.names, cameras, folder))
     except BadInput as bad:
         raise BadInput([*bad.faults, *faults]) from None
-    numbers, listing_faults = _list_frames(folder, rig.names, frames, first=meta["first_frame"], everything=cameras is None)
+    numbers, opening, listing_faults = _list_frames(folder, rig.names, frames, first=meta["first_frame"], everything=cameras is None)
     has_masks = (folder / "masks").is_dir()
-    faults += listing_faults + _picture_faults(folder, rig, numbers, has_masks, deep)
+    faults += listing_faults + spacing_faults(numbers, str(folder)) + _picture_faults(folder, rig, numbers, has_masks, deep)
     faults += _aabb_faults(sequence, numbers, warnings) + _scene_faults(sequence, numbers, warnings)
     refuse(faults)
+    template, template_warnings = _find_template(sequence, folder, int(numbers[0]), opening)
+    warnings += rate_warnings(numbers, float(meta["fps"])) + template_warnings + _part_warnings(template)
     patterns = [tuple(f"{kind}s/{n}/{n}_{kind}{{frame:06d}}.{end}" for n in rig.names) for kind, end in (("rgb", "jpg"), ("mask", "png"))]
     return Recording(
         root=folder,
         cameras=to_y_up(rig, meta["up"]),
         frames=numbers,
-        fps=float(meta["fps"]),
+        fps=rate_of(numbers, float(meta["fps"])),
         up=meta["up"],
         rgb=patterns[0],
         mask=patterns[1] if has_masks else None,
-        template=_find_template(sequence, folder, int(numbers[0])),
+        template=template,
         mass_kg=meta["mass_kg"],
         warnings=tuple(warnings if has_masks else [*warnings, "The recording has no masks."]),
     )
@@ -111,11 +118,12 @@ def _selected(names: tuple[str, ...], wanted: Sequence[str] | None, folder: Path
 
 def _list_frames(
     folder: Path, names: tuple[str, ...], wanted: Sequence[int] | None, *, first: int, everything: bool
-) -> tuple[np.ndarray, list[Fault]]:
-    """Frames that the recording should have, and a fault per camera and kind of file that lacks some or should not be there."""
+) -> tuple[np.ndarray, int, list[Fault]]:
+    """Frames that should be there, the recording's first, and a fault per camera and kind of file with too few or too many."""
     kinds = [("rgb", "jpg")] + ([("mask", "png")] if (folder / "masks").is_dir() else [])
     found = {(k, n): _frames_in(folder / f"{k}s" / n, rf"{re.escape(n)}_{k}(\d{{6}})\.{end}") for k, end in kinds for n in names}
-    numbers = [n for n in sorted(set().union(*found.values())) if n >= first] if wanted is None else sorted(set(wanted))
+    recorded = [n for n in sorted(set().union(*found.values())) if n >= first]
+    numbers = recorded if wanted is None else sorted(set(wanted))
     faults = []
     for (kind, name), present in found.items():
         where = str(folder / f"{kind}s" / name)
@@ -124,7 +132,7 @@ def _list_frames(
             faults.append(Fault(where, "the camera stands in calibration.csv but has no pictures", "Copy them, or leave the camera out."))
         elif missing:
             what = f"{len(missing)} of {len(numbers)} frames are missing: {_some(f'{m:06d}' for m in missing)}"
-            faults.append(Fault(where, what, "Copy them, or leave these frames or the camera out."))
+            faults.append(Fault(where, what, "Copy them, leave the camera out, or select evenly spaced frames that it has."))
     for kind, _ in kinds if everything else []:
         strangers = sorted(p.name for p in (folder / f"{kind}s").glob("*") if p.is_dir() and p.name not in names)
         faults += [
@@ -133,7 +141,7 @@ def _list_frames(
         ]
     if not numbers:
         refuse([*faults, Fault(str(folder), "no frame is there or selected", "Copy the recording again, or select frames.")])
-    return np.array(numbers, np.int64), faults
+    return np.array(numbers, np.int64), (recorded or numbers)[0], faults
 
 
 def _frames_in(folder: Path, pattern: str) -> set[int]:
@@ -249,13 +257,24 @@ def _scene_faults(sequence: Path, numbers: np.ndarray, warnings: list[str]) -> l
     return []
 
 
-def _find_template(sequence: Path, folder: Path, first: int) -> Path | None:
-    candidates = [
-        sequence / "template" / "template.obj",
-        sequence / "meshes" / f"Frame{first:06d}.obj",
-        folder / "meshes" / f"Frame{first:06d}.obj",
-    ]
-    return next((p for p in candidates if p.exists()), None)
+def _find_template(sequence: Path, folder: Path, first: int, opening: int) -> tuple[Path | None, list[str]]:
+    """The surface at frame `first`, and a warning where template/, which shows frame `opening`, is not of that frame."""
+    template, name = sequence / "template" / "template.obj", f"Frame{first:06d}.obj"
+    mesh = next((p for p in (sequence / "meshes" / name, folder / "meshes" / name) if p.exists()), None)
+    if not template.exists():
+        return mesh, []
+    if first == opening:
+        return template, []
+    odd = f"{template} shows frame {opening}, the recording's first, and frame {first} is the first that is read"
+    if mesh is None:
+        return template, [f"{odd}: unless the actor stands alike in both, begin at frame {opening} or store the surface of frame {first}."]
+    return mesh, [f"{odd}: {mesh} is taken instead."]
+
+
+def _part_warnings(template: Path | None) -> list[str]:
+    """A warning where no part of the template is skin: whatever a modelling program called the whole surface is taken for cloth."""
+    parts = np.unique(read_mesh(template).part).tolist() if template is not None else [SKIN]
+    return [] if SKIN in parts else [f"{template} has no part {SKIN!r}: all of it is taken for garments, by the names {', '.join(parts)}."]
 
 
 def _read_json(path: Path) -> dict:

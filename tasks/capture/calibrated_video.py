@@ -2,7 +2,7 @@
 
 The videos must show the same number of frames at the same rate and be synchronised; nothing here measures whether they are. A video of
 another size than its calibration is accepted when it is a letterboxed or merely scaled picture (see `letterbox`), with a warning; K then
-follows the video. There are no masks. World: turned to y up.
+follows the video. There are no masks. Every k-th frame has a k-th of the videos' rate. World: turned to y up.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ import numpy as np
 
 from tasks.capture.calibration_opencv import read_opencv
 from tasks.capture.calibration_qualisys import read_qualisys
+from tasks.capture.frame_rate import rate_of, rate_warnings, spacing_faults
 from tasks.capture.letterbox import find_letterbox
 from tasks.capture.recording import Recording, to_y_up, validate_name
 from tasks.capture.video import Video
@@ -42,16 +43,16 @@ def read_calibrated_video(
     if not len(numbers) or numbers[0] < 0 or numbers[-1] > last:
         refuse([*faults, Fault("frames", f"{numbers[:1]} to {numbers[-1:]} are asked for", f"The videos hold frames 0 to {last}.")])
     rig, size_faults, warnings = _follow_videos(rig, list(videos.values()), numbers)
-    refuse([*faults, *size_faults])
+    refuse([*faults, *spacing_faults(numbers, str(folder)), *size_faults])
     first = next(iter(videos.values()))
     return Recording(
         root=folder,
         cameras=to_y_up(rig, up),
         frames=numbers,
-        fps=first.fps,
+        fps=rate_of(numbers, first.fps),
         up=up,
         rgb=tuple(v.path.name for v in videos.values()),
-        warnings=(*warnings, "The recording has no masks."),
+        warnings=(*warnings, *rate_warnings(numbers, first.fps), "The recording has no masks."),
     )
 
 

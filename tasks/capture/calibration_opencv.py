@@ -10,12 +10,13 @@ three, the rational model's, are zero.
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from tasks.capture.recording import camera_faults, up_faults, validate_name
+from tasks.capture.recording import camera_faults, nearest_rotations, up_faults, validate_name
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault, refuse
 from tasks.geometry.rotations import matrix_from_axis_angle
@@ -47,7 +48,7 @@ def read_opencv(path: Path) -> tuple[Cameras, str]:
     K, R, t, size, distortion = (np.array(column) for column in zip(*rows.values(), strict=True))
     rig = Cameras(tuple(rows), K, R, t * UNITS[unit], size.astype(np.int32), distortion)
     refuse(camera_faults(rig, str(path)))
-    return rig, up
+    return replace(rig, R=nearest_rotations(rig.R)), up
 
 
 def write_opencv(path: Path, cameras: Cameras, *, up: str = "y") -> None:

@@ -26,8 +26,9 @@ Y_UP = {  # rotations that take the files' vertical to y
 
 @dataclass(frozen=True)
 class Recording:
-    """One sequence. `frames` [frame] are the numbers in the files; `rgb` and `mask` hold per camera a path relative to `root`, with
-    `{frame:06d}` for a file per frame and without for a video; `mask` is None where nobody segmented the recording."""
+    """One sequence. `frames` [frame] are the numbers in the files, evenly spaced, and `fps` [1/s] is the rate of just these frames;
+    `rgb` and `mask` hold per camera a path relative to `root`, with `{frame:06d}` for a file per frame and without for a video; `mask` is
+    None where nobody segmented the recording."""
 
     root: Path
     cameras: Cameras
@@ -96,6 +97,13 @@ def camera_faults(cameras: Cameras, where: str) -> list[Fault]:
         if bend > 1e-3 or np.linalg.det(cameras.R[k]) < 0:
             faults.append(Fault(where, f"{name}: R is no rotation (|RRᵀ - 1| = {bend:.2g})", "Give a rotation matrix with determinant +1."))
     return faults or _unit_faults(cameras, where)
+
+
+def nearest_rotations(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """U Vᵀ of R = U Σ Vᵀ, the rotations nearest to R [camera, 3, 3] that `camera_faults` has passed (det R > 0), in the Frobenius norm:
+    calibrations are written with 4 to 6 digits. Source: Higham 1986, Computing the polar decomposition, SIAM J. Sci. Stat. Comput. 7."""
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
 
 
 def validate_name(name: str, where: str) -> str:

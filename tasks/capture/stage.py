@@ -25,7 +25,7 @@ class CaptureParameters(Parameters):
     frames: tuple[int, ...] | None = None
 
 
-@stage("capture", version=1, pool="vision", timeout_s=3600)
+@stage("capture", version=2, pool="vision", timeout_s=3600)
 def capture(job: Job, parameters: CaptureParameters) -> Capture:
     """Check the recording as a whole, then keep what the later stages need to find and trust its pictures."""
     recording = read_recording(parameters)

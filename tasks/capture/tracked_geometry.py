@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 class TrackedGeometry:
     """One recording of a garment in metres, y up; T frames, V vertices, F faces, C collider vertices, B boundary vertices, M markers.
 
-    `vertices` is NaN where unknown; `observed` says which of the known ones count in comparisons. `noise_m` is broadcast to [T, V].
+    `vertices` is NaN where unknown; what is not `observed` is not known either, but for driven vertices (`cloth/known_vertices.py`).
+    `noise_m` is broadcast to [T, V].
     """
 
     vertices: Array

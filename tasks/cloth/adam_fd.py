@@ -22,6 +22,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.scene import Scene, replay
 from tasks.simulator import Fabric
 
@@ -34,17 +35,21 @@ LOW, HIGH = np.array([200.0, 0.1, 0.1]), np.array([640.0, 8.0, 8.0])
 RATE, RATE_AS_RELEASED = (0.05, 0.02), (0.1, 0.04)  # first and last, cosine between
 β1, β2, ε = 0.9, 0.999, 1e-8
 RETREATS = 5
+AT_END = 1e-6  # of a range: the search is clamped to its ends
 
 
 @dataclass(frozen=True)
 class Score:
-    """What one simulation says: loss [m²] (infinite where it failed), mean distance [mm], implicit steps and seconds spent, ending."""
+    """What one simulation says: loss [m²] (infinite where it failed), mean distance [mm], implicit steps and seconds spent, ending, and what
+    had to be retried.
+    """
 
     loss: float
     mean_mm: float = np.inf
     steps: int = 0
     seconds: float = 0.0
     ending: str = "converged"
+    reasons: tuple[str, ...] = ()
 
 
 class Run(Protocol):
@@ -57,7 +62,9 @@ class Run(Protocol):
 
 @dataclass(frozen=True)
 class Descent:
-    """Where the search stands: θ [3] = (ρ, κ_s, κ_b), Adam's moments, the best point, and a row of figures per iteration."""
+    """Where the search stands: θ [3] = (ρ, κ_s, κ_b), Adam's moments, the best point, a row of figures per iteration, and what had to be
+    retried in each.
+    """
 
     θ: Array
     first: Array
@@ -65,6 +72,7 @@ class Descent:
     best: Array
     history: tuple[dict[str, float], ...] = ()
     ending: str = ""
+    reasons: tuple[str, ...] = ()
 
     @classmethod
     def at(cls, θ: Array) -> "Descent":
@@ -108,9 +116,9 @@ def score(scene: Scene, fabric: Fabric, θ: Array) -> Score:
     now = replay(scene, replace(fabric, density=float(θ[0]), membrane=float(θ[1]), bending=float(θ[2])))
     steps = (len(now.x) - 1) * scene.settings.substeps
     if not now.complete:
-        return Score(np.inf, np.inf, steps, now.seconds, now.ending)
+        return Score(np.inf, np.inf, steps, now.seconds, now.ending, now.reasons)
     distance = np.linalg.norm((scene.observed - now.x)[scene.compared], axis=1)
-    return Score(float(np.mean(distance**2)), float(1e3 * distance.mean()), steps, now.seconds)
+    return Score(float(np.mean(distance**2)), float(1e3 * distance.mean()), steps, now.seconds, reasons=now.reasons)
 
 
 def descend(
@@ -146,6 +154,7 @@ def minimise(
             points, widths = _stencil(now.θ, as_released)
             points[:, 0] = at(points[:, 0])
             here, *beside = run(simulated, points)
+            now = _told(now, [here, *beside])
             if np.isfinite(here.loss):
                 break
             now = replace(now, θ=(now.θ + good) / 2)
@@ -154,9 +163,14 @@ def minimise(
             break
         good = now.θ
         slopes, more = _slopes(simulated, here, beside, points[0], widths)
-        now = _moved(now, here, [here, *beside, *more], slopes, iterations, as_released)
+        now = _moved(_told(now, more), here, [here, *beside, *more], slopes, iterations, as_released)
         on_iteration(now)
     return now if now.ending else replace(now, ending=f"stopped after {len(now.history)} iterations")
+
+
+def _told(now: Descent, scores: Iterable[Score]) -> Descent:
+    """With what these simulations of the iteration in progress had to retry."""
+    return replace(now, reasons=(*now.reasons, *(f"iteration {len(now.history) + 1}: {said}" for s in scores for said in s.reasons)))
 
 
 def _stencil(θ: Array, as_released: bool) -> tuple[Array, Array]:
@@ -207,6 +221,17 @@ def _moved(now: Descent, here: Score, spent: list[Score], slopes: Array, iterati
 def _scale(v: Array) -> float:
     """Adam's ε presumes gradients near 1; ours are square metres, so it is taken relative to the largest."""
     return float(np.sqrt(v.max())) or 1.0
+
+
+def at_ends(descent: Descent) -> dict[str, str]:
+    """Name of a base parameter -> at which end of its range the best point lies; none for those between."""
+    found = {}
+    for k, name in enumerate(PARAMETERS, 1):
+        for end, value in (("lower", LOW[k]), ("upper", HIGH[k])):
+            if abs(descent.best[k] - value) <= AT_END * (HIGH[k] - LOW[k]):
+                which = f"at the {end} end of Algorithm 1's range, {LOW[k]:g} to {HIGH[k]:g}"
+                found[name] = f"{which}: the recording does not limit it on this side"
+    return found
 
 
 def found_fabric(fabric: Fabric, descent: Descent, *, density: float | None = None) -> Fabric:

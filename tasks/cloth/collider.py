@@ -1,4 +1,4 @@
-"""The body as collider: its skin near the garment, decimated, and drawn in where the garment was seen deeper inside than noise explains.
+"""A collider drawn in where the garment was seen deeper inside than noise explains.
 
 A fitted body is off by millimetres to a centimetre and ignores flattened flesh; tracked cloth is off, too, now here, now there. Simulated
 cloth is kept outside wherever it was seen (`start_state.py` walks it from frame to frame), so nothing has to give way to noise. Where a
@@ -7,9 +7,11 @@ the least that frees it,
 
     d = ℓ b/‖b‖²        of all d with b·d = ℓ the smallest,
 
-until none does. So much for one frame; in those before and after it the depth is halved with every frame.
+until none does. So much for one frame; in those before and after it the depth is halved with every frame. Where the garment was not seen,
+nothing gives way. What of its own body the pipeline leaves out, nobody else's loses (`worn_collider.py`).
 
-Source: Kaczmarz 1937 (the step). Limits: a body that is too thin is left so.
+Source: Kaczmarz 1937 (the step). Limits: a body that is too thin is left so; what would have to give way by more than `DEEPEST` gives way
+by that.
 """
 
 from dataclasses import dataclass
@@ -18,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.distances import Closest, closest_points
-from tasks.geometry.meshes import components, edges, submesh, vertex_normals
+from tasks.geometry.meshes import edges, vertex_normals
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int32]
@@ -26,12 +28,10 @@ Faces = NDArray[np.int32]
 POKE_M = 1e-3  # [m] of a garment without noise inside the body
 DEVIATIONS = 3.0  # of the noise that it explains
 FASTENED_CLEARANCE = 6e-3  # [m] at driven nodes: neither they nor the body can give way, so nothing may come between them
-REACH = 0.25  # [m] body farther from the garment than this in all frames is left out
-DEEPEST = 0.03  # [m] a body that would have to give way further is not there: its faces are left out
+DEEPEST = 0.03  # [m] further no body gives way
 LIMB = 0.05  # [m] deeper inside is another limb's cloth, not a fit error
 ROUNDS = 30
 FURTHER = 1.05  # than is missing, so that rounds end
-FACES = 2400  # contact costs grow with both meshes: triangles no finer than the cloth's
 
 
 @dataclass(frozen=True)
@@ -51,30 +51,38 @@ def explained(noise: float) -> float:
 def fitted_collider(
     body: Array, body_faces: Faces, garment: Array, garment_faces: Faces, *, fastened: Faces, noise: float
 ) -> FittedCollider:
-    """The collider for a garment [T, V, 3] m, noise [m] per coordinate, driven at the nodes `fastened` [B], on a body [T, C, 3] m."""
-    motion, faces = _decimated(*_near(*_skin(body, body_faces), garment))
-    normals = np.stack([vertex_normals(x, faces) for x in motion])
+    """A body [T, C, 3] m as collider of a garment [T, V, 3] m (NaN where not known), noise [m] per coordinate, driven at the nodes
+    `fastened` [B]: all of its faces, drawn in.
+    """
+    normals = np.stack([vertex_normals(x, body_faces) for x in body])
     driven = np.isin(np.arange(garment.shape[1]), fastened).astype(float)[:, None]
     clearance = np.where(_samples(driven, garment_faces)[:, 0] > 0, FASTENED_CLEARANCE, -explained(noise))
-    each = zip(garment, motion, normals, strict=True)
-    depth = _fading(np.stack([_cleared(_samples(x, garment_faces), clearance, b, n, faces) for x, b, n in each]))
-    own, kept = submesh(faces, depth.max(0) < DEEPEST)
-    return FittedCollider((motion - depth[..., None] * normals)[:, kept], own, depth[:, kept])
+    each = zip(garment, body, normals, strict=True)
+    depth = _fading(np.stack([_cleared(_samples(x, garment_faces), clearance, b, n, body_faces) for x, b, n in each]))
+    return FittedCollider(body - depth[..., None] * normals, body_faces, depth)
 
 
 def deepest_poke(body: Array, body_faces: Faces, garment: Array) -> float:
-    """How far [m] the garment [T, V, 3] m reaches into the body [T, C, 3] m at most; what is `LIMB` deep lies on another limb."""
+    """How far [m] the garment [T, V, 3] m (NaN where not known) reaches into the body [T, C, 3] m at most; what is `LIMB` deep lies on
+    another limb.
+    """
     deepest = 0.0
-    for x, b in zip(garment, body):
-        near, side = _sides(x, b, body_faces)
+    for x, b in zip(garment, body, strict=True):
+        known = np.isfinite(x).all(1)
+        if not known.any():
+            continue
+        near, side = _sides(x[known], b, body_faces)
         inside = (side < 0) & (near.distance < LIMB)
         deepest = max(deepest, float(near.distance[inside].max(initial=0.0)))
     return deepest
 
 
 def _cleared(samples: Array, clearance: Array, body: Array, normals: Array, faces: Faces) -> Array:
-    """The depths [C] m at which the samples [n, 3] m of one frame are clear."""
-    depth = np.zeros(len(body))
+    """The depths [C] m at which the samples [n, 3] m of one frame, as far as they are known, are clear."""
+    depth, known = np.zeros(len(body)), np.isfinite(samples).all(1)
+    if not known.any():
+        return depth
+    samples, clearance = samples[known], clearance[known]
     for _ in range(ROUNDS):
         missing = _missing(samples, clearance, body - depth[:, None] * normals, faces)
         if missing.max() <= 0:
@@ -91,37 +99,6 @@ def _fading(depth: Array) -> Array:
     for t in reversed(range(len(out) - 1)):
         out[t] = np.maximum(out[t], out[t + 1] / 2)
     return out
-
-
-def _skin(body: Array, faces: Faces) -> tuple[Array, Faces]:
-    """The largest piece: eyes and teeth are pieces of their own."""
-    label = components(faces, body.shape[1])
-    own, kept = submesh(faces, label == np.argmax(np.bincount(label)))
-    return body[:, kept], own
-
-
-def _near(body: Array, faces: Faces, garment: Array) -> tuple[Array, Faces]:
-    from scipy.spatial import cKDTree
-
-    keep = np.zeros(body.shape[1], bool)
-    for t in range(0, len(body), 4):
-        keep |= cKDTree(garment[t]).query(body[t], distance_upper_bound=REACH)[0] < REACH
-    own, kept = submesh(faces, keep)
-    return body[:, kept], own
-
-
-def _decimated(body: Array, faces: Faces) -> tuple[Array, Faces]:
-    """At most `FACES` triangles by edge collapse in frame 0 (Garland & Heckbert 1997), carried by the skin they lie on."""
-    import igl
-
-    if len(faces) <= FACES:
-        return body, faces
-    manifold, corner = igl.split_nonmanifold(
-        faces.astype(np.int64)
-    )  # qslim returns nothing where the patch's rim touches itself in a vertex
-    x, light, *_ = igl.qslim(np.asfortranarray(body[0][corner]), np.asfortranarray(manifold), FACES, True)
-    on = closest_points(np.ascontiguousarray(x), body[0], faces)
-    return np.einsum("nk,tnkc->tnc", on.barycentric, body[:, faces[on.face]]), np.ascontiguousarray(light, dtype=np.int32)
 
 
 def _samples(x: Array, faces: Faces) -> Array:

@@ -21,7 +21,12 @@ a ring that turns by 40 degrees at 1.3 Hz.
 
 Source: James & Stein 1961 (the share); Whittaker 1923; Craven & Wahba 1979 (generalised cross-validation). Limits: what a single node does
 beyond that is lost; one λ serves all frames, so that a jolt keeps the noise of the whole recording.
+
+Where a frame as tracked is the rest shape, its noise is part of that shape: the border keeps it (`WornRest`), or it would be strained for
+ever.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +36,24 @@ Array = NDArray[np.float64]
 ROUNDS = 3  # of alignment to a mean shape that the alignment itself improves
 FEWEST = 4  # fewer nodes, or frames, have nothing worth averaging
 SMOOTHNESS = 10.0 ** np.arange(-4, 4.1, 0.25)  # candidates for λ
+STRAIGHT = 1e-3  # of a border's size, squared: across a straighter one noise says how it is turned, and it is held not to be
+
+
+@dataclass(frozen=True)
+class WornRest:
+    """Driven nodes in the frame that is the rest shape: as tracked, `rest` [B, 3] m, and as they really were, `quiet` [B, 3] m."""
+
+    rest: Array
+    quiet: Array
+
+    def kept(self, driven: Array) -> Array:
+        """A quieted motion [T, B, 3] m with the noise of the rest shape, which turns with the border."""
+        if not len(self.rest):
+            return driven
+        shape = self.quiet - self.quiet.mean(0)
+        H = np.einsum("bi,tbj->tij", shape, driven - driven.mean(1, keepdims=True))
+        R = _rotations(H + STRAIGHT * np.sum(shape**2) * np.eye(3))
+        return driven + np.einsum("tij,bj->tbi", R, self.rest - self.quiet)
 
 
 def quieted(x: Array, noise: float, rest: Array | None = None) -> Array:
@@ -58,11 +81,15 @@ def quieted(x: Array, noise: float, rest: Array | None = None) -> Array:
 def _poses(x: Array, shape: Array) -> tuple[Array, Array]:
     """Centres [T, 3] and rotations [T, 3, 3] that carry the shape [B, 3] onto x [T, B, 3] with the least squares."""
     centre = x.mean(1)
-    H = np.einsum("bi,tbj->tij", shape - shape.mean(0), x - centre[:, None])
+    return centre, _rotations(np.einsum("bi,tbj->tij", shape - shape.mean(0), x - centre[:, None]))
+
+
+def _rotations(H: Array) -> Array:
+    """The rotations R [T, 3, 3] of greatest tr(R H) for H [T, 3, 3]."""
     U, _, Wt = np.linalg.svd(H)
     flip = np.linalg.det(U @ Wt)
     U[:, :, 2] *= flip[:, None]
-    return centre, np.swapaxes(U @ Wt, 1, 2)
+    return np.swapaxes(U @ Wt, 1, 2)
 
 
 def _drawn_to(rest: Array, shape: Array, variance: float) -> Array:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.gauss_newton import BOUNDS, PARAMETERS, UNKNOWN, Fit, logarithms
+from tasks.cloth.base_parameters import BOUNDS, PARAMETERS, logarithms
+from tasks.cloth.gauss_newton import UNKNOWN, Fit
 from tasks.cloth.joint_refit import CompletedFit
 from tasks.cloth.scene import Scene
 from tasks.effects.effect import Effect, Strength
@@ -149,7 +150,7 @@ def _doubt(scene: Scene, fit: Fit, p: int) -> str:
         return f"not estimated: {fit.ending}"
     if np.isnan(fit.normal.common).any():
         return f"not estimated: {UNKNOWN}"
-    if bound := at_bound(fit.fabric, name):
+    if bound := fit.at_ends.get(name) or at_bound(fit.fabric, name):
         return bound
     if name == "log_bending" and (unresolved := insensitive(scene, fit.fabric)):
         return unresolved

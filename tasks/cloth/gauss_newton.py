@@ -16,8 +16,8 @@ assimilation: from a short stretch, whose loss has few minima, to a long one tha
 not tell may move by its noise there.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -28,14 +28,13 @@ from scipy.stats import norm
 from scipy.stats import t as student
 from typing_extensions import override
 
+from tasks.cloth.base_parameters import PARAMETERS, moved
+from tasks.cloth.base_refit import STUCK
 from tasks.cloth.scene import FORGETFUL, FrameMemory, Replay, Scene, replay, window
 from tasks.simulator import Fabric, Frame, Standing
 
 Array = NDArray[np.float64]
 
-PARAMETERS = ("log_membrane", "log_bending")
-REFERENCE_DENSITY = 320.0  # [kg/m³] bounds hold for κ · 320/ρ: they limit what can be known, the ratios
-BOUNDS = {"log_membrane": (np.log(0.02), np.log(200.0)), "log_bending": (np.log(0.1), np.log(500.0))}
 LARGEST_STEP = 1.2  # of a logarithm: a factor of 3.3 per iteration
 HUBER = 2.5
 BLOCK = 5  # frames
@@ -102,7 +101,8 @@ def _solved(A: Array, g: Array) -> Array:
 class Fit:
     """The fabric found, its normal equations, the last replay, the loss per iteration, how it ended and what had to be retried.
 
-    noise_share: of the stated noise, what the recording showed it to be (`windowed_fit.py`).
+    noise_share: of the stated noise, what the recording showed it to be (`windowed_fit.py`). at_ends: parameter -> at which end of a
+    narrower range than `BOUNDS` it lies, where the search had one (`adam_fd.py`).
     """
 
     fabric: Fabric
@@ -112,6 +112,7 @@ class Fit:
     ending: str
     reasons: tuple[str, ...] = ()
     noise_share: float = 1.0
+    at_ends: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def covariance(self) -> Array:
@@ -174,7 +175,8 @@ def _fitted(
 ) -> tuple[Progress, Replay]:
     """Gone on with until it ends on this horizon."""
     now, frames = replay(scene, state.fabric, tangents=PARAMETERS, memory=memory), len(scene.observed)
-    state = replace(state, reasons=(*state.reasons, *now.reasons))
+    told = state.reasons if state.accepted(frames) else ()  # gone on with after a kill: what this replay needed is told already
+    state = replace(state, reasons=(*state.reasons, *(reason for reason in now.reasons if reason not in told)))
     if not now.complete:
         fabric = f"κ_s {state.fabric.membrane:.3g}, κ_b {state.fabric.bending:.3g}"
         return replace(state, ending=f"the simulation cannot follow the recording with {fabric}: {now.ending}"), now
@@ -246,36 +248,25 @@ def _iterate(scene: Scene, state: Progress, now: Replay, proposals: int, memory:
     """One accepted Levenberg step, or the end."""
     normal = normal_equations(scene, now)
     g, A = normal.g.sum(0), normal.A.sum(0)
-    damping, reasons, δ = state.damping, state.reasons, turning(scene, now)
+    damping, reasons, δ, simulated = state.damping, state.reasons, turning(scene, now), False
     for _ in range(proposals):
         held = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
         step = within(held, g, LARGEST_STEP)
-        fabric = moved(state.fabric, step)
+        fabric, _ = moved(state.fabric, step)
         tried = replay(scene, fabric, tangents=PARAMETERS, memory=memory)
         reasons = (*reasons, *tried.reasons)
         if tried.complete and loss(scene, tried, δ) < loss(scene, now, δ):
             ending = "converged" if np.abs(step).max() < SETTLED else ""
             return Progress(fabric, max(damping / 10, 1e-4), (*state.history, _row(scene, tried, fabric)), ending, reasons), tried
-        damping = max(damping * 20, 0.1)
-    return replace(state, ending="converged: no shorter step lowers the loss", reasons=reasons), now
+        damping, simulated = max(damping * 20, 0.1), simulated or tried.complete
+    ending = "converged: no shorter step lowers the loss" if simulated else f"{STUCK}; the simulation of every step failed: {tried.ending}"
+    return replace(state, ending=ending, reasons=reasons), now
 
 
 def within(A: Array, g: Array, most: float) -> Array:
     """The step [P] that minimises ½ sᵀA s − gᵀs over |s_p| ≤ most: what one parameter may not do, the others are asked to do."""
     L = np.linalg.cholesky(A)
     return lsq_linear(L.T, solve_triangular(L, g, lower=True), (-most, most), method="bvls").x
-
-
-def logarithms(fabric: Fabric) -> Array:
-    """log κ_s and log κ_b of the fabric of density 320 kg/m³ that moves like this one [P]."""
-    return np.log(np.array([fabric.membrane, fabric.bending]) * REFERENCE_DENSITY / fabric.density)
-
-
-def moved(fabric: Fabric, step: Array) -> Fabric:
-    """The fabric whose logarithms [P] are larger by `step`, within the bounds; its density stays."""
-    low, high = np.array([BOUNDS[name] for name in PARAMETERS]).T
-    membrane, bending = np.exp(np.clip(logarithms(fabric) + step, low, high)) * fabric.density / REFERENCE_DENSITY
-    return replace(fabric, membrane=float(membrane), bending=float(bending))
 
 
 def turning(scene: Scene, at: Replay) -> float:

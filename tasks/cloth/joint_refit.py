@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from tasks.cloth.base_parameters import with_fabric
+from tasks.cloth.base_parameters import BOUNDS, PARAMETERS, logarithms, moved, with_fabric
 from tasks.cloth.base_refit import DAMPING, STUCK, BaseFit, about_nearer_starts, gain, scaled, unscaled_loss
-from tasks.cloth.gauss_newton import BOUNDS, LARGEST_STEP, PARAMETERS, Fit, Normal, logarithms, moved
+from tasks.cloth.gauss_newton import LARGEST_STEP, Fit, Normal
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nuisances import Prior, without_state
 from tasks.cloth.numerics import WAYS, common_error, corrected
@@ -102,7 +102,7 @@ def joint_normal(model: Model, evidence: Sequence[Evidence], prior: Prior) -> No
 
 def moved_jointly(model: Model, step: Array) -> Model:
     """The model after a step of θ [2 + K], the fabric within its bounds."""
-    fabric = moved(model.subject.fabric, step[: len(PARAMETERS)])
+    fabric, _ = moved(model.subject.fabric, step[: len(PARAMETERS)])
     at, strengths = len(PARAMETERS), {}
     for effect in model.effects:
         K = len(effect.strengths)

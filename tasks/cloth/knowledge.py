@@ -2,7 +2,8 @@
 
 * gauge: the loss along c·(ρ, κ_s, κ_b), simulated; flat where the base model is all there is.
 * profile: the loss at other values of one parameter, the other one following along the valley; Δ is in units of the loss at the optimum.
-* bootstrap: blocks of frames drawn anew, one Gauss–Newton step each from the optimum (Kline & Santos 2012: no simulation is run again).
+* bootstrap: blocks of frames drawn anew, one Gauss–Newton step each from the optimum (Kline & Santos 2012: no simulation is run again);
+  left out where there is one block, which is drawn every time.
 * a choice (half the time step, another driver of the boundary): one more Gauss–Newton step from the optimum on the altered scene, less the
   one on the scene itself, of the same objective at the same fabric: nothing changed changes nothing. What the fit's own normal equations
   say is no substitute: they may be of other windows, and their step may have been taken. Start and noise are those of the fit. Numerical
@@ -16,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.cloth.base_parameters import PARAMETERS, moved
 from tasks.cloth.estimates import GAUGE, LEAST_KNOWN
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Normal, Objective, WholeReplay, moved
+from tasks.cloth.gauss_newton import Fit, Normal, Objective, WholeReplay
 from tasks.cloth.scene import Scene
 from tasks.simulator import Fabric
 
@@ -42,7 +44,7 @@ def knowledge(
     scene = replace(scene, noise_m=fit.noise_share * scene.noise_m)
     found = {
         "gauge": gauge(scene, fit.fabric, objective) if profiles else {"sentence": GAUGE},
-        "bootstrap": intervals(fit.fabric, bootstrap(fit.normal)),
+        **({"bootstrap": intervals(fit.fabric, bootstrap(fit.normal))} if len(fit.normal.g) > 1 else {}),
         **choices(scene, fit, objective, otherwise),
     }
     if profiles:
@@ -66,7 +68,7 @@ def profile(scene: Scene, fit: Fit, p: int, objective: Objective = WHOLE, offset
     """Loss at values of parameter p that lie `offsets` standard deviations from the optimum, the other parameter at its conditional optimum."""
     C = fit.covariance
     along = C[:, p] / C[p, p]  # the valley: 1 along p, what the other one does with it
-    fabrics = {0.0: fit.fabric} | {offset: moved(fit.fabric, offset * np.sqrt(C[p, p]) * along) for offset in offsets if offset}
+    fabrics = {0.0: fit.fabric} | {offset: moved(fit.fabric, offset * np.sqrt(C[p, p]) * along)[0] for offset in offsets if offset}
     losses = dict(zip(fabrics, objective.losses(scene, list(fabrics.values())), strict=True))
     return [
         {

@@ -16,16 +16,18 @@ from storage_schemas.skinning import Skinning
 from storage_schemas.tracking import Tracking
 from tasks.capture.tracked_geometry import read_tracked_geometry
 from tasks.child_process import Pool
-from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend, found_fabric
-from tasks.cloth.checkpoints import FrameFile, load_descent, save_descent
+from tasks.cloth.adam_fd import FRAMES, ITERATIONS, Descent, as_algorithm_1, at_ends, descend, found_fabric
+from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.checkpoints import FrameFile, load_descent, load_progress, save_descent, save_progress
 from tasks.cloth.estimates import estimates
+from tasks.cloth.frame_rate import FEWEST, frames_compared, steps_per_frame
 from tasks.cloth.garment import Garment, garments, weighed
-from tasks.cloth.gauss_newton import PARAMETERS, Fit, Progress, fit, horizons, normal_equations
+from tasks.cloth.gauss_newton import Fit, Progress, fit, horizons, normal_equations
 from tasks.cloth.knowledge import knowledge
 from tasks.cloth.perseverance import Patience
 from tasks.cloth.scene import Scene, replay
 from tasks.cloth.shooting import Map
-from tasks.cloth.tracked_scene import FEWEST_FRAMES, tracked_scene
+from tasks.cloth.tracked_scene import tracked_scene
 from tasks.cloth.windowed_fit import Windowed, fit_windows, started_well
 from tasks.cloth.worn_scene import worn_scene
 from tasks.effects.effect import Effect
@@ -48,7 +50,8 @@ class FitParameters(Parameters):
     κ_b); `iterations` None: 4 by tangents, 100 by differences.
 
     effects: names of effects that the model has beside the base, of the library or of effects_folder; their strengths are fitted too.
-    frames: how many after the first are compared.
+    frames: how many after the first are compared; None: about a second of them, 24 in Algorithm 1. substeps: time steps of a frame; None: as
+    few as take no longer than 10 ms each (`frame_rate.py`).
     attempts: how often a simulation, or a process that was killed or passed limit_s, may be begun; frame_s: processor time of one frame.
     """
 
@@ -60,8 +63,8 @@ class FitParameters(Parameters):
     friction: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.2
     boundary: Literal["tracked", "skinned"] = "tracked"
     iterations: Count | None = None
-    substeps: Count = 4
-    frames: Annotated[int, Field(ge=FEWEST_FRAMES - 1)] = 24
+    substeps: Count | None = None
+    frames: Annotated[int, Field(ge=FEWEST)] | None = None
     profiles: bool = False
     attempts: Count = 3
     frame_s: Annotated[float, Field(gt=0)] = 600.0
@@ -88,6 +91,14 @@ class FitParameters(Parameters):
             return Fabric(self.density, 1.0, 1.0, self.friction)
         return Fabric(self.density, self.membrane, self.bending, self.friction)
 
+    def settings(self, fps: float) -> Settings:
+        """How a recording of that many frames per second is simulated."""
+        return Settings(substeps=self.substeps or steps_per_frame(fps))
+
+    def compared(self, fps: float) -> int:
+        """How many frames after the first of such a recording are compared."""
+        return self.frames or (FRAMES if self.method == "adam-fd" else frames_compared(fps))
+
 
 class ClothParameters(FitParameters):
     """Also: the rest shape, `pattern` where the atlas is one, else as worn."""
@@ -96,7 +107,7 @@ class ClothParameters(FitParameters):
 
 
 class TrackParameters(FitParameters):
-    """Also: the file or folder of tracked geometry; fps and up where it does not say; at_rest: the garment is still in its first frame."""
+    """Also: the file or folder of tracked geometry; fps and up instead of what it says; at_rest: the garment is still in its first frame."""
 
     track: Folder = None
     fps: float | None = None
@@ -120,7 +131,7 @@ class Work:
     weighed: bool = False
 
 
-@stage("cloth", version=5, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
+@stage("cloth", version=6, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
 def cloth(
     job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> ClothRecord:
@@ -136,7 +147,7 @@ def cloth(
     return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
 
-@stage("cloth", version=5, pool="simulation", timeout_s=4 * 3600, retries=1)
+@stage("cloth", version=6, pool="simulation", timeout_s=4 * 3600, retries=1)
 def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
     """Fit one garment of which somebody else's tracker tells the motion; needs no other stage."""
     path = parameters.track
@@ -145,10 +156,10 @@ def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
         track,
         name=str(path),
         driver=parameters.boundary,
-        frames=parameters.frames,
+        frames=parameters.compared(track.fps),
         at_rest=parameters.at_rest,
         fabric=parameters.fabric,
-        settings=Settings(substeps=parameters.substeps),
+        settings=parameters.settings(track.fps),
         patience=Patience(parameters.attempts, parameters.frame_s),
     )
     for said in (*track.warnings, *found.chosen):
@@ -166,7 +177,7 @@ def _garments(tracking: Tracking) -> list[Garment]:
 def _scene(
     garment: Garment, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> Scene:
-    frames = slice(0, parameters.frames + 1)
+    frames = slice(0, parameters.compared(capture.fps) + 1)
     scene = worn_scene(
         replace(garment, observed=garment.observed[frames], seen=garment.seen[frames], noise_m=garment.noise_m[frames]),
         body.vertices[frames].astype(float),
@@ -174,7 +185,7 @@ def _scene(
         tracking.uv_vertices.astype(float),
         fps=capture.fps,
         rest=parameters.rest,
-        settings=Settings(substeps=parameters.substeps),
+        settings=parameters.settings(capture.fps),
         patience=Patience(parameters.attempts, parameters.frame_s),
     )
     if parameters.boundary == "tracked":
@@ -206,7 +217,7 @@ def _fits(job: Job, work: list[Work], parameters: FitParameters) -> list[Fitted]
 
 def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
     """Gauss–Newton on windows; those that an interrupted run has finished are not followed again."""
-    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
+    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / work.name)
     effects = _effects(parameters.effects, parameters.effects_folder)
     iterations, rounds = parameters.iterations or GAUSS_NEWTON_ITERATIONS, count(1)
 
@@ -219,15 +230,18 @@ def _by_tangents(job: Job, work: Work, parameters: FitParameters, run: Map) -> F
 
 
 def _by_whole_replay(job: Job, work: Work, parameters: FitParameters, run: Map) -> Fitted:
-    """Gauss–Newton on one replay from the first frame to the last: what Algorithm 1 minimises too."""
-    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / f"{work.name}.npz")
+    """Gauss–Newton on one replay from the first frame to the last: what Algorithm 1 minimises too. An interrupted run is gone on with."""
+    scene, memory = started_well(work.scene, work.fabric), FrameFile(job.checkpoint / work.name)
+    saved = job.checkpoint / f"{work.name}.json"
     iterations = parameters.iterations or GAUSS_NEWTON_ITERATIONS
     most = len(horizons(len(scene.observed), scene.fps)) * (iterations + 1)
 
     def on_iteration(now: Progress) -> None:
+        save_progress(saved, now)
         job.progress(len(now.history) / most, f"{work.name}: {now.history[-1]['rms_mm']:.1f} mm")
 
-    found = fit(scene, Progress(work.fabric), iterations=iterations, on_iteration=on_iteration, memory=memory)
+    start = load_progress(saved, Progress(work.fabric))
+    found = fit(scene, start, iterations=iterations, on_iteration=on_iteration, memory=memory)
     return scene, found, knowledge(scene, found, otherwise=work.otherwise, profiles=parameters.profiles)
 
 
@@ -246,7 +260,8 @@ def _by_differences(job: Job, work: Work, parameters: FitParameters, run: Map) -
     )
     fabric = found_fabric(work.fabric, descent, density=work.fabric.density if work.weighed else None)
     last = replay(scene, fabric, tangents=PARAMETERS)
-    found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending)
+    reasons = (*descent.reasons, *last.reasons)
+    found = Fit(fabric, normal_equations(scene, last), last, descent.history, descent.ending, reasons, at_ends=at_ends(descent))
     return scene, found, knowledge(scene, found, profiles=parameters.profiles)
 
 

@@ -27,5 +27,9 @@ def noise_of(track: TrackedGeometry) -> Array:
         noise = np.maximum(track.noise_m, LEAST_M)
     else:
         return np.full(track.vertices.shape[:2], NOISE_M)
-    seen = track.observed & np.isfinite(track.vertices).all(2)
+    return of_seen(noise, track.observed & np.isfinite(track.vertices).all(2))
+
+
+def of_seen(noise: Array, seen: NDArray[np.bool_]) -> Array:
+    """The noise [T, V] m, where a vertex was not `seen` [T, V] the median of those that were."""
     return np.where(seen, noise, np.median(noise[seen]) if seen.any() else NOISE_M)

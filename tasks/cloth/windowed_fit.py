@@ -9,6 +9,9 @@ What the mesh and the step alone do is taken off at the end: each window is also
 and the difference d enters as y − x = … + (1 ± 1) d (Roache 1994: the finer run is nearer to the limit by about as much as it differs). By
 what d does to all windows alike the answer stays uncertain, however many there are (`numerics.py`).
 
+Windows in which nothing was seen, and those that begin after the cloth could not be brought to where it was seen, are left out, and the fit
+says so.
+
 Where effects are added to the base model (`joint_refit.py`), their strengths are fitted with the fabric after it, on the windows alone, and
 the whole is replayed with them (`completed_replay.py`).
 """
@@ -19,11 +22,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.cloth.base_parameters import moved, with_fabric
+from tasks.cloth.base_parameters import PARAMETERS, logarithms, moved, with_fabric
 from tasks.cloth.base_refit import SCALE, BaseFit, refit, scaled
 from tasks.cloth.bending_profile import ASIDE, Followed, bracketed
 from tasks.cloth.completed_replay import replay_completed
-from tasks.cloth.gauss_newton import PARAMETERS, UNKNOWN, Fit, Normal, logarithms, rms_mm
+from tasks.cloth.gauss_newton import UNKNOWN, Fit, Normal, rms_mm
 from tasks.cloth.joint_refit import CompletedFit, joint_normal, refit_jointly
 from tasks.cloth.likeliest_errors import estimated_prior
 from tasks.cloth.nearest_fabric import followed_in
@@ -34,7 +37,7 @@ from tasks.cloth.shooting import Evidence, Job, Map, follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.unwrinkled_start import FINE, without_wrinkles
-from tasks.cloth.windows import PREDICTED, SHORT_S, Normals, Recording, longest_s, predict, windows
+from tasks.cloth.windows import PREDICTED, SHORT_S, Normals, Recording, every_window, longest_s, predict, windows
 from tasks.cloth.yielded_collider import with_yielded_collider
 from tasks.effects.effect import Effect, Motion, Subject
 from tasks.effects.model import Model
@@ -49,6 +52,15 @@ LEAST_NOISE = 1e-5  # [m]
 MODES = 20  # of the start state, times three directions, times place and velocity
 
 
+@dataclass(frozen=True)
+class Cut:
+    """The windows of a scene, how the walk through its states ended, and what of the scene they leave out, in sentences."""
+
+    jobs: list[Job]
+    ending: str
+    reasons: tuple[str, ...]
+
+
 def fit_windows(
     scene: Scene,
     fabric: Fabric,
@@ -60,26 +72,26 @@ def fit_windows(
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit `PARAMETERS` from `fabric`, and the strengths of `effects` with them (then a CompletedFit); `run` maps over windows."""
-    jobs, ending = _jobs(scene, fabric, SHORT_S)
+    cut = _cut(scene, fabric, SHORT_S)
     stated = _noise(scene)
-    if not jobs:
+    if not cut.jobs:
         whole = replay(scene, fabric)
-        return Fit(fabric, _nothing(), whole, (), f"the cloth cannot be brought to where it was seen: {ending}", whole.reasons)
-    found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        return Fit(fabric, _nothing(), whole, (), f"no window can be followed: {'; '.join(cut.reasons)}", whole.reasons)
+    found = refit(cut.jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
     while (shown := _misfit(found)) < SCALE and _noise(scene) > LEAST_NOISE:
         quieter = replace(scene, noise_m=np.sqrt(shown) * scene.noise_m)
-        again, _ = _jobs(quieter, found.model.subject.fabric, SHORT_S)
-        if not again:
+        again = _cut(quieter, found.model.subject.fabric, SHORT_S)
+        if not again.jobs:
             break
-        scene, jobs, history = quieter, again, found.history
-        found = refit(jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        scene, cut, history = quieter, again, found.history
+        found = refit(cut.jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
         found = replace(found, history=(*history, *found.history))
-    found, jobs = _settled(scene, found, jobs, iterations, run, tell)
+    found, cut = _settled(scene, found, cut, iterations, run, tell)
     if effects:
-        return replace(_completed(scene, found, jobs, effects, iterations, run, tell), noise_share=_noise(scene) / stated)
-    fabric, normal, doubts = _less_numerics(found, jobs, run)
+        return replace(_completed(scene, found, cut, effects, iterations, run, tell), noise_share=_noise(scene) / stated)
+    fabric, normal, doubts = _less_numerics(found, cut.jobs, run)
     whole = replay(scene, fabric, memory=memory)
-    reasons = (*_lost(found, jobs), *doubts, *whole.reasons)
+    reasons = (*cut.reasons, *_lost(found, cut.jobs), *doubts, *whole.reasons)
     history = (*found.history, {"kappa_s": fabric.membrane, "kappa_b": fabric.bending, "rms_mm": rms_mm(scene, whole)})
     return Fit(fabric, normal, whole, history, found.ending, reasons, _noise(scene) / stated)
 
@@ -90,27 +102,25 @@ def _misfit(found: BaseFit) -> float:
     return float(np.median([n.c / n.n for n in each])) if each else np.inf
 
 
-def _settled(
-    scene: Scene, found: BaseFit, jobs: list[Job], iterations: int, run: Map, tell: Callable[[str], None]
-) -> tuple[BaseFit, list[Job]]:
+def _settled(scene: Scene, found: BaseFit, cut: Cut, iterations: int, run: Map, tell: Callable[[str], None]) -> tuple[BaseFit, Cut]:
     """The fit gone on in longer windows, whose states are those of the fabric found, until it stands still, and these; as it was where
     cloth cannot be predicted that far.
     """
     for _ in range(ROUNDS):
         before = found.model.subject.fabric
-        longer, _ = _jobs(scene, before)
-        if not longer:
+        longer = _cut(scene, before)
+        if not longer.jobs:
             break
-        further = refit(longer, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
+        further = refit(longer.jobs, noise=_noise(scene), iterations=iterations, run=run, tell=tell)
         if not _whole(further.evidence) or _misfit(further) > PREDICTED:
             break
-        profile = bracketed(further.model.subject.fabric, _following(further, longer, run))
+        profile = bracketed(further.model.subject.fabric, _following(further, longer.jobs, run))
         after = further.model.subject.fabric if profile is None else profile.fabric
         found = replace(further, model=with_fabric(further.model, after), history=(*found.history, *further.history))
-        jobs = longer
+        cut = longer
         if np.abs(logarithms(after) - logarithms(before)).max() < FAR:
             break
-    return found, jobs
+    return found, cut
 
 
 def _following(found: BaseFit, jobs: Sequence[Job], run: Map) -> Followed:
@@ -143,11 +153,11 @@ def _whole(evidence: Sequence[Evidence]) -> bool:
 
 
 def _completed(
-    scene: Scene, found: BaseFit, jobs: list[Job], effects: Sequence[Effect], iterations: int, run: Map, tell: Callable[[str], None]
+    scene: Scene, found: BaseFit, cut: Cut, effects: Sequence[Effect], iterations: int, run: Map, tell: Callable[[str], None]
 ) -> Fit:
     """The base's refit gone on with the effects, and the replay with all of them."""
-    followed = _with_offsets(found, jobs, run)
-    reasons = (*_lost(found, jobs), *_unrefined(found, followed))
+    followed = _with_offsets(found, cut.jobs, run)
+    reasons = (*cut.reasons, *_lost(found, cut.jobs), *_unrefined(found, followed))
     if not followed:
         ending = "no window can be followed on both meshes, so no strength was fitted"
         whole = replay(scene, found.model.subject.fabric)
@@ -219,22 +229,25 @@ class Windowed:
         return cls(run, found.model if isinstance(found, CompletedFit) else None)
 
     def losses(self, scene: Scene, fabrics: Sequence[Fabric]) -> list[float]:
-        """Means of rᵀC⁻¹r; NaN where windows are lost."""
+        """Means of rᵀC⁻¹r; NaN where windows are lost, of which one fabric may lose others than the next."""
         return [self._loss(scene, fabric) for fabric in fabrics]
 
     def _loss(self, scene: Scene, fabric: Fabric) -> float:
-        evidence, prior = self._followed(scene, fabric)
-        if not all(e.prediction.complete for e in evidence):
+        cut = _cut(scene, fabric, SHORT_S)
+        if cut.ending != CONVERGED or not cut.jobs:
+            return np.nan
+        evidence, prior = self._followed(scene, cut)
+        if not _whole(evidence):
             return np.nan
         return sum(without_state(e.normals, prior).c for e in evidence) / sum(e.normals.n for e in evidence)
 
     def normal(self, scene: Scene, fabric: Fabric) -> Normal:
         """Normal equations per window; NaN where none can be followed."""
-        evidence, prior = self._followed(scene, fabric)
+        evidence, prior = self._followed(scene, _cut(scene, fabric, SHORT_S))
         return _normal(evidence, prior) if self.like is None else joint_normal(self.like, evidence, prior)
 
-    def _followed(self, scene: Scene, fabric: Fabric) -> tuple[list[Evidence], Prior]:
-        jobs, _ = _jobs(scene, fabric, SHORT_S)
+    def _followed(self, scene: Scene, cut: Cut) -> tuple[list[Evidence], Prior]:
+        jobs = cut.jobs
         if self.like is not None:
             completed = replace(jobs[0].model, effects=self.like.effects, strengths=self.like.strengths) if jobs else None
             jobs = [replace(job, model=completed, columns=True) for job in jobs]
@@ -242,21 +255,29 @@ class Windowed:
         return evidence, estimated_prior(evidence, _noise(scene))
 
 
-def _jobs(scene: Scene, fabric: Fabric, length_s: float | None = None) -> tuple[list[Job], str]:
-    """The windows of a scene, as long as leaves `FEWEST` of them if not said; none, and why, where the cloth cannot be brought to where it was seen."""
+def _cut(scene: Scene, fabric: Fabric, length_s: float | None = None) -> Cut:
+    """The windows of a scene, as long as leaves `FEWEST` of them if not said."""
     zone = np.full(len(scene.x0), "free", dtype="U8")
     model = Model(Subject(scene.cloth, fabric, scene.collider, zone, scene.fps), replace(scene.settings, yield_collider=False))
     recording = Recording(scene.collider, Motion(scene.collider_motion, scene.boundary_motion), scene.observed, scene.noise_m)
     if scene.settings.yield_collider:
         recording = with_yielded_collider(recording, model)
     known = states(model, recording.motion.given_way, recording.observed, _noise(scene))
-    cut = windows([recording], scene.fps, length_s or longest_s([recording], scene.fps, FEWEST))
-    if known.ending != CONVERGED:
-        cut = [w for w in cut if w.start < len(known.x)]
-        if len(known.x) < 2:
-            return [], known.ending
+    length_s = length_s or longest_s([recording], scene.fps, FEWEST)
+    every, seen = (of([recording], scene.fps, length_s) for of in (every_window, windows))
+    begun = [w for w in seen if w.start < len(known.x)] if len(known.x) > 1 else []
     φ = smooth_modes(scene.cloth, MODES)
-    return [Job(model, recording, w, known, φ) for w in cut], known.ending
+    jobs = [Job(model, recording, w, known, φ) for w in begun]
+    return Cut(jobs, known.ending, _left_out(len(every), len(seen), len(jobs), known.ending))
+
+
+def _left_out(every: int, seen: int, begun: int, ending: str) -> tuple[str, ...]:
+    """Of `every` window so many that were `seen`, and of these so many that could be `begun` before the walk through the states ended."""
+    unseen = [f"{every - seen} of {every} windows are left out: hardly anything was seen in them"] if seen < every else []
+    if ending == CONVERGED:
+        return tuple(unseen)
+    lost = f"the cloth cannot be brought to where it was seen, {ending}: {seen - begun} of {every} windows begin later and are left out"
+    return (*unseen, lost)
 
 
 def _normal(evidence: list[Evidence] | tuple[Evidence, ...], prior: Prior) -> Normal:

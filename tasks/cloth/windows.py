@@ -7,8 +7,9 @@ is what may accelerate the cloth beyond the model (`forcing.py`): z ~ N(0, diag(
     y − x(θ₀) = S_θ (θ − θ₀) + S_z z + ε,    ε ~ N(0, R)
 
 as columns. What a window says about everything is kept as its normal equations, whitened by the noise (`tracking_noise.py`): a few hundred
-numbers squared. Of more than `COMPARED` vertices so many are compared, spread evenly over the garment: to whiten costs the cube of their
-number, and errors that neighbours share leave the others little to say.
+numbers squared. A window in which hardly anything was seen says nothing, and is left out. Of more than `COMPARED` vertices so many are
+compared, spread evenly over the garment: to whiten costs the cube of their number, and errors that neighbours share leave the others little
+to say.
 
 Source: Bock & Plitt 1984 (multiple shooting); Gelb 1974, ch. 7 (considered states).
 """
@@ -40,6 +41,7 @@ SHORT_S = 0.18  # [s] the start's error and the base's own chaos grow: beyond th
 LONG_S = 0.33  # [s] what a force does grows with the square of time: where cloth can be predicted that far, causes are told apart by more
 PREDICTED = 4.0  # median misfit of windows per coordinate up to which cloth was predicted over their length
 COMPARED = 1000  # vertices
+TELLS = 0.01  # least share of the free vertices that some frame of a window must show
 ROUNDING = 1e-12  # of the size of a column
 
 
@@ -108,6 +110,11 @@ def longest_s(recordings: Sequence[Recording], fps: float, count: int) -> float:
 
 
 def windows(recordings: Sequence[Recording], fps: float, length_s: float = SHORT_S) -> list[Window]:
+    """Windows of about `length_s` one after another through every recording, but for those in which hardly anything was seen."""
+    return [w for w in every_window(recordings, fps, length_s) if _tells(recordings[w.recording], w)]
+
+
+def every_window(recordings: Sequence[Recording], fps: float, length_s: float = SHORT_S) -> list[Window]:
     """Windows of about `length_s` one after another through every recording."""
     length, found = max(3, round(length_s * fps)), []
     for k, recording in enumerate(recordings):
@@ -115,6 +122,13 @@ def windows(recordings: Sequence[Recording], fps: float, length_s: float = SHORT
         starts = np.linspace(0, len(recording) - 1, count + 1).round().astype(int)
         found += [Window(k, int(a), int(b - a)) for a, b in itertools.pairwise(starts)]
     return found
+
+
+def _tells(recording: Recording, window: Window) -> bool:
+    """Whether in some frame after the start more was seen than the driven vertices, which are known where the cloth is lost from sight."""
+    seen = np.isfinite(recording.observed[window.frames][1:]).all(-1).sum(1).max()
+    driven, count = recording.motion.boundary.shape[1], recording.observed.shape[1]
+    return bool(seen > driven + TELLS * (count - driven))
 
 
 def predict(

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.cloth.boundary import fastened_nodes
-from tasks.cloth.collider import fitted_collider
-from tasks.cloth.driven_motion import quieted
+from tasks.cloth.driven_motion import WornRest, quieted
 from tasks.cloth.garment import Garment
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.rest_shape import pattern
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
+from tasks.cloth.stated_noise import of_seen
+from tasks.cloth.worn_collider import worn_collider
 from tasks.simulator import Cloth, Collider, Settings
 from tasks.simulator.settings import BASE
 
@@ -33,13 +34,14 @@ def worn_scene(
     """Of a garment over T frames on body [T, C, 3] m; uv_vertices [U, 2] of the tracked surface's atlas (may be empty)."""
     observed = garment.observed
     fastening = fastened_nodes(observed, garment.faces, body, body_faces)
-    noise = float(np.median(garment.noise_m))
+    noise_m = of_seen(garment.noise_m, garment.seen)
+    noise = float(np.median(noise_m))
     driven = quieted(observed[:, fastening.nodes], noise)
-    collider = fitted_collider(body, body_faces, observed, garment.faces, fastened=fastening.nodes, noise=noise)
+    collider = worn_collider(body, body_faces, observed, garment.faces, fastened=fastening.nodes, noise=noise)
     x0 = observed[0].copy()
     uv = pattern(x0, garment.faces, uv_vertices, garment.uv_faces) if rest == "pattern" else None
-    if uv is None:  # the first frame is the rest shape, its noise included: driven nodes keep it, or the waist would be strained for ever
-        driven = driven + (x0[fastening.nodes] - driven[0])
+    if uv is None:
+        driven = WornRest(x0[fastening.nodes], driven[0]).kept(driven)
     x0[fastening.nodes] = driven[0]
     return Scene(
         cloth=Cloth(x0, garment.faces, fastening.nodes, uv=uv, rest_angles="worn" if uv is None else "flat"),
@@ -49,7 +51,7 @@ def worn_scene(
         x0=x0,
         v0=start_velocity(observed, fps),
         observed=np.where(garment.seen[..., None], observed, np.nan),
-        noise_m=garment.noise_m,
+        noise_m=noise_m,
         fps=fps,
         settings=settings,
         patience=patience,

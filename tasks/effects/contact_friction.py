@@ -1,7 +1,7 @@
 """Friction against the body other than the base model's μ = 0.2 (`simulator.contact_friction`).
 
-Strength: Δμ [1]. Range: dry fabric on skin or jersey μ 0.2–0.6, wet above 1; typical Δμ = 0.3. Below −0.2 there is no friction to take
-away.
+Strength: Δμ [1]. Range: dry fabric on skin or jersey μ 0.2–0.6, wet above 1; typical Δμ = 0.3. Where more is taken away than there is,
+μ = 0; the tangent is then the one towards more friction.
 Signature: tangential, where cloth touches the body, from the moment it slips.
 Confounders: boundary_slip, body_offset (more pressure), damping near contact; the direction of sliding tells.
 Source: Chen et al. 2013; Rasheed et al. 2020. Limits: one coefficient, static and kinetic alike; friction among cloth stays the base's.
@@ -33,7 +33,7 @@ class BodyFriction(Effect):
     @override
     def fabric(self, fabric: Fabric, θ: Sequence[float]) -> Fabric:
         among = fabric.friction if fabric.self_friction is None else fabric.self_friction
-        return replace(fabric, friction=fabric.friction + θ[0], self_friction=among)
+        return replace(fabric, friction=max(0.0, fabric.friction + θ[0]), self_friction=among)
 
 
 EFFECT = BodyFriction()

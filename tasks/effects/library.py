@@ -3,8 +3,11 @@
 import importlib
 import importlib.util
 import pkgutil
+import sys
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 from tasks.effects.effect import Effect
 from tasks.geometry.faults import Fault, refuse
@@ -37,13 +40,40 @@ def _plugins(folder: Path) -> list[tuple[str, object]]:
 
 
 def _plugin(path: Path) -> tuple[str, object]:
-    spec = importlib.util.spec_from_file_location(f"effect_{path.stem}", path)
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        effect = _effect_of(path.resolve(), path.read_bytes())
     except Exception as error:  # noqa: BLE001  a user's file may fail in any way
         refuse([Fault(str(path), f"it cannot be imported: {type(error).__name__}: {error}", "Repair it, or take it out of the folder.")])
-    return str(path), getattr(module, "EFFECT", None)
+    return str(path), effect
+
+
+def _effect_of(path: Path, source: bytes) -> object:
+    """The EFFECT of a file with this source, or None. Another process is sent both, for it cannot import the file's module, and the file may
+    have been edited since.
+    """
+    module = _executed(f"effect_{path.stem}", path, source)
+    effect = getattr(module, "EFFECT", None)
+    if type(effect).__module__ == module.__name__:
+        type(effect).__reduce__ = lambda self: (_received, (path, source))
+    return effect
+
+
+@cache
+def _received(path: Path, source: bytes) -> object:
+    """The same, once however often it is sent."""
+    return _effect_of(path, source)
+
+
+def _executed(name: str, path: Path, source: bytes) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their annotations up there
+    try:
+        exec(spec.loader.source_to_code(source, path), module.__dict__)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 def _faults(found: list[tuple[str, Effect]]) -> list[Fault]:

@@ -13,7 +13,8 @@ curvature costs, for between vertices that are free the stiff hinges leave the f
 thirds.
 
 Source: plates in bending, discretised as in Grinspun et al. 2003. Limits: one number for all directions and places; the rest shape's own
-curvature is neglected.
+curvature is neglected. A mesh all of whose vertices lie on its edges, as of a ribbon two vertices wide, has no plate to press on: from or
+onto such a one κ_b stays.
 """
 
 from dataclasses import replace
@@ -33,12 +34,15 @@ Array = NDArray[np.float64]
 
 def retriangulated(subject: Subject, cloth: Cloth) -> Subject:
     """The subject on another mesh of its cloth."""
-    bending = subject.fabric.bending * float(np.exp(np.mean(np.log(_works(cloth) / _works(subject.cloth)))))
+    before, after = _works(subject.cloth), _works(cloth)
+    if not (before.all() and after.all()):
+        return replace(subject, cloth=cloth)
+    bending = subject.fabric.bending * float(np.exp(np.mean(np.log(after / before))))
     return replace(subject, cloth=cloth, fabric=replace(subject.fabric, bending=bending))
 
 
 def _works(cloth: Cloth) -> Array:
-    """w [10]."""
+    """w [10]; zero where no vertex is free."""
     free = np.setdiff1d(np.arange(len(cloth.x_rest)), _held(cloth))
     D = folds(cloth)[:, free]
     p = cloth.vertex_areas[free, None] * _pressures(cloth.x_rest)[free]

@@ -58,8 +58,9 @@ class CoarseGarment:
         """Ratios of stiffness to density found on the thinned garment, as they are on the whole one."""
         thinned, cloth = self.garment.model.subject, self.whole.model.subject.cloth
         times = retriangulated(thinned, cloth).fabric.bending / thinned.fabric.bending
-        scaled = {k: {**v, **{end: times * v[end] for end in ("value", "low", "high")}} for k, v in parameters.items() if k == BENDING}
-        return parameters | scaled
+        thin = parameters[BENDING]
+        known = {end: times * thin[end] for end in ("value", "low", "high") if thin[end] is not None}
+        return parameters | {BENDING: thin | known}
 
 
 def coarse_garment(garment: Garment, *, count: int = VERTICES) -> CoarseGarment:

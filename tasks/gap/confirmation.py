@@ -92,12 +92,15 @@ def confirmed(trials: Trials, first: Decided, kept: Gathered | None, *, apart: b
     while now.named is not None:
         now, after = test.of_second(now, test.evidence(now.named))
         gap = test.said(now.named, after)
-        weighed = test.weighed_once_more(now) if gap.at_floor else now.verdict
+        weighed = test.weighed_once_more(now) if gap.at_floor else now
+        if weighed.named is not now.named and weighed.named is not None:
+            now = weighed  # the first alone, of which nothing was asked yet
+            continue
         if weighed.named is not None and (gap.at_floor or gap.shrinks):
-            return Confirmed(_because(reasons, weighed), now.named, test.before, after, gap, first.pairs)
+            return Confirmed(_because(reasons, weighed.verdict), now.named, test.before, after, gap, first.pairs)
         reasons.append(_reason(now, gap))
         if gap.at_floor:
-            now = Decided(weighed, None, None, ())
+            now = weighed
             break
         trials.veto(now.verdict.named.effects)
         now = decided(trials) if len(reasons) < CHANCES else Decided(abstained(_judged(trials)[0]), None, None, ())
@@ -182,17 +185,20 @@ class _Test:
             return now, after
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
 
-    def weighed_once_more(self, now: Decided) -> Verdict:
-        """What is named, or of two causes the first, weighed by windows kept out too, and so whatever holds it; "none" where it leads no more."""
+    def weighed_once_more(self, now: Decided) -> Decided:
+        """What is named, or of two causes the first, weighed by windows kept out too, and so whatever holds it: the same is named if it
+        still leads, the first alone if that leads, or leads with a second that motion kept out was not asked about; else "none".
+        """
         trials, first = self.trials, now.alone or now.named
         trials.after[first.hypothesis.name] = weighed_with(first, trials.screened, self.kept, self._signatures, trials.run)
         verdict, _ = _judged(trials)
-        if verdict.named is None or verdict.named.effects[0] != first.hypothesis.effects[0]:
-            return nothing_needed(verdict)
-        said = now.verdict.named
-        if len(verdict.named.effects) > len(said.effects):
-            return first_alone(verdict, said)
-        return replace(now.verdict, probability=verdict.probability, ranking=verdict.ranking)
+        leads, said = verdict.named, now.verdict.named
+        if leads is None or leads.effects[0] != first.hypothesis.effects[0]:
+            return Decided(nothing_needed(verdict), None, None, ())
+        if leads.effects == said.effects:
+            return replace(now, verdict=replace(verdict, named=said))
+        alone = first_alone(verdict, first.hypothesis) if len(leads.effects) == 2 else replace(verdict, named=first.hypothesis)
+        return Decided(alone, first, None, now.pairs)
 
     @cached_property
     def _signatures(self) -> tuple[Evidence, ...]:

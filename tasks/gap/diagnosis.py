@@ -8,8 +8,8 @@ Windows are as long as the cloth can be predicted: where they leave more than `P
 allowed, derivatives did not hold, and all is done again in shorter ones.
 
 What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of
-the base refit, in windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not read
-before the verdict.
+the base refit, in windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not asked
+for before the verdict.
 
 `run` maps a function over windows: serially, over processes, or over workers.
 """
@@ -41,6 +41,8 @@ from tasks.gap.verdict import Candidate, Verdict
 
 Array = NDArray[np.float64]
 
+RATIOS = ("kappa_s_over_rho", "kappa_b_over_rho")
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -48,7 +50,7 @@ class Diagnosis:
 
     before, after [n, V, 3] m: residuals of the frames of the windows `compared`, NaN where not seen; zone [V]; residual_accel [V] m/s²:
     what is missing in the training windows; added [V] m/s²: by what is named, None where nothing is, or nothing that acts on cloth;
-    frame_mm [T] of the first recording; parameters: ratios of stiffness to density with intervals; pairs: second effects that were weighed
+    frame_mm [T] of the first recording; parameters: ratios of stiffness to density with intervals, None where nothing is known; pairs: second effects that were weighed
     beside the leading one; base, replayed: the base that comes nearest to whole recordings, and how near; floor_mm: of a window. named: the
     model for motions not seen: with the named effect, unless whole recordings replayed with it came less near than the base's. designs:
     motions to record next, where causes are left that these recordings do not tell apart.
@@ -90,7 +92,7 @@ def diagnose(
     abreast: int = 1,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed.
+    """The whole diagnosis of one garment. `held_out` is called, and its recordings first looked at, when the verdict is fixed.
 
     contact_doubt [m]: where contact may hold the cloth wrongly because the mesh is coarse. abreast: threads that may ask `run` at a time.
     """
@@ -211,10 +213,14 @@ def ratios(screened: Screened) -> dict[str, dict[str, Any]]:
     fabric = moved(screened.base.model.subject.fabric, base.base)[0]
     factors = np.exp(base.quantile(0.95) * np.sqrt(np.maximum(np.diag(base.base_covariance), 0)))
     found = {}
-    for name, value, factor in zip(("kappa_s_over_rho", "kappa_b_over_rho"), (fabric.membrane, fabric.bending), factors, strict=True):
+    for name, value, factor in zip(RATIOS, (fabric.membrane, fabric.bending), factors, strict=True):
         ratio = value / fabric.density
-        found[name] = {"value": ratio, "low": ratio / factor, "high": ratio * factor, "unit": "m3/kg"}
+        found[name] = _ratio(ratio, ratio / factor, ratio * factor)
     return found
+
+
+def _ratio(value: float | None, low: float | None, high: float | None) -> dict[str, Any]:
+    return {"value": value, "low": low, "high": high, "unit": "m3/kg"}
 
 
 def _by_frame(evidence: Sequence[Evidence], train: Gathered) -> Array:
@@ -233,6 +239,7 @@ def _unanswered(model: Model, recordings: Sequence[Recording], reason: str) -> D
     ranking = (Candidate(("none",), 0.5), Candidate(("outside_library",), 0.5))
     verdict = Verdict("not_testable", None, (), 1.0, ranking, reason)
     gap = Shrinkage(np.nan, np.nan, np.nan, None, None, None, False)
+    unknown = {name: _ratio(None, None, None) for name in RATIOS}
     return Diagnosis(
-        verdict, gap, nothing, nothing, model.subject.zone, np.full(V, np.nan), None, np.full(T, np.nan), {}, model, model, None
+        verdict, gap, nothing, nothing, model.subject.zone, np.full(V, np.nan), None, np.full(T, np.nan), unknown, model, model, None
     )

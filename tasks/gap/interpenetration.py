@@ -11,7 +11,6 @@ mesh's vertices, not of its faces.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,4 +63,4 @@ def cleared(model: Model, recordings: Sequence[Recording], effects: Sequence[Eff
 
 
 def _with(model: Model, effect: Effect, θ: float) -> Model:
-    return replace(model, effects=(effect,), strengths={effect.name: np.array([θ])})
+    return model.joined([effect], {effect.name: np.array([θ])})

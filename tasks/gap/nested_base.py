@@ -10,9 +10,8 @@ Source: Wilks 1938 (a likelihood ratio of nested models takes the maximum of eac
 
 import numpy as np
 
-from tasks.cloth.base_parameters import with_fabric
+from tasks.cloth.base_parameters import logarithms, with_fabric
 from tasks.cloth.base_refit import PROMISE, BaseFit, nearer_by, refit
-from tasks.cloth.gauss_newton import logarithms
 from tasks.cloth.shooting import Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.effects.model import Model

@@ -34,7 +34,7 @@ STARTING = 12  # and modes of their starts where fabrics far apart are compared
 @dataclass(frozen=True)
 class Screened:
     """The refitted base, the training windows' evidence with all tangents, the start states' prior once forcing has its own, the
-    hypotheses, best first, and what the mesh leaves in doubt.
+    hypotheses, best first (none where no window could be followed), and what the mesh leaves in doubt.
     """
 
     base: BaseFit
@@ -130,5 +130,6 @@ def _of_certain_mesh(e: Evidence, prior: Prior, effects: Sequence[Effect], doubt
 
 
 def ranked(compared: Windows) -> list[Fitted]:
-    """Singles, strongest evidence first."""
-    return sorted((compared.fit([e]) for e in compared.effects), key=lambda f: -f.evidence)
+    """Singles, strongest evidence first; none where no window could be followed, for then there is nothing to weigh them by."""
+    effects = compared.effects if len(compared) else ()
+    return sorted((compared.fit([e]) for e in effects), key=lambda f: -f.evidence)

@@ -18,6 +18,7 @@ from storage_schemas.tracking import Tracking
 from tasks.child_process import Pool
 from tasks.cloth.contact_sagitta import contact_sagitta
 from tasks.cloth.estimates import added_effects
+from tasks.cloth.frame_rate import steps_per_frame
 from tasks.cloth.garment import Garment, garments
 from tasks.cloth.windows import Recording
 from tasks.cloth.worn_scene import worn_scene
@@ -27,6 +28,7 @@ from tasks.effects.model import Model
 from tasks.gap.answer import answer
 from tasks.gap.diagnosis import diagnose
 from tasks.gap.residual import weft_direction, where
+from tasks.gap.time_limit import time_limit
 from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
 from tasks.report.gap_page import gap_report
@@ -36,7 +38,7 @@ from tasks.stage import Folder, Job, Parameters, stage
 
 class GapParameters(Parameters):
     """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: two contenders, no second cause (`trials.py`);
-    effects_folder: further effects, one Python file each, those of the cloth among them; limit_s: of one window's simulation."""
+    effects_folder: further effects, one Python file each, those of the cloth among them; limit_s: of simulating a second (`time_limit.py`)."""
 
     density: float = 320.0
     quick: bool = True
@@ -44,7 +46,7 @@ class GapParameters(Parameters):
     limit_s: float = 600.0
 
 
-@stage("gap", version=13, pool="simulation", timeout_s=4 * 3600, spreads=True)
+@stage("gap", version=14, pool="simulation", timeout_s=4 * 3600, spreads=True)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
@@ -92,7 +94,7 @@ def _diagnosed(
     given = {e.name for e in model.effects}
     steps = iter(range(1, 1000))
     cores = os.cpu_count() or 1
-    with Pool(limit_s=parameters.limit_s, at_once=cores) as pool:
+    with Pool(limit_s=time_limit(parameters.limit_s, [recording], capture.fps), at_once=cores) as pool:
         found = diagnose(
             model,
             [recording],
@@ -113,7 +115,7 @@ def _subject(
     garment: Garment, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, zone: np.ndarray, parameters: GapParameters
 ):
     """The base model in the fabric that was fitted, and the recording of the garment."""
-    settings = Settings(substeps=max(1, int(np.ceil(100 / capture.fps))), yield_collider=False)
+    settings = Settings(substeps=steps_per_frame(capture.fps), yield_collider=False)
     scene = worn_scene(
         garment, body.vertices.astype(float), body.faces, tracking.uv_vertices.astype(float), fps=capture.fps, settings=settings
     )

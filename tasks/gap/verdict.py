@@ -93,13 +93,16 @@ def judge(
     whole = with_replays(missing, vetoed)
     ranked = sorted(singles, key=whole, reverse=True)
     sole = 1.0 - (1.0 - OTHERWISE) * unexplained
-    weight = [sole * SINGLE / len(ranked) * float(np.exp(TEMPER * whole(h))) for h in ranked]
     seconds = [p for p in pairs if p.effects[0] == ranked[0].effects[0] and not vetoed & {e.name for e in p.effects}]
     further = _beside_first(ranked[0])
     seconds.sort(key=lambda p: -further(p))
-    doubled = [PAIR / len(ranked) * float(np.exp(TEMPER * further(p))) * weight[0] for p in seconds]
+    single = [TEMPER * whole(h) for h in ranked]
+    double = [single[0] + TEMPER * further(p) for p in seconds]
+    most = max(0.0, missing, single[0], *double[:1])  # of exponents: the exponential of a thousand is no number
+    weight = [sole * SINGLE / len(ranked) * float(np.exp(e - most)) for e in single]
+    doubled = [PAIR / len(ranked) * sole * SINGLE / len(ranked) * float(np.exp(e - most)) for e in double]
     named = sum(weight) + sum(doubled[:1])
-    none, outside = 1.0 - unexplained, unexplained * (np.exp(missing) + BESIDE * named)
+    none, outside = (1.0 - unexplained) * np.exp(-most), unexplained * (np.exp(missing - most) + BESIDE * named)
     total = none + outside + named
     candidates = [Candidate(("none",), none / total), Candidate(("outside_library",), outside / total)]
     alike = twins(cosines)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.geometry.faults import Fault, refuse
+
 Array = NDArray[np.float64]
 
 
@@ -19,9 +21,12 @@ class Closest:
 
 
 def closest_points(points: Array, vertices: Array, faces: NDArray[np.int32]) -> Closest:
-    """Closest points on the surface (vertices [V, 3], faces [F, 3]) to points [P, 3]."""
+    """Closest points on the surface (vertices [V, 3], faces [F, 3]) to points [P, 3]. Raises BadInput for a surface without faces, with which
+    libigl would end the process.
+    """
     import igl
 
+    refuse([] if len(faces) else [Fault("surface", "it has no face, so no point of it is closest", "Give a triangle mesh.")])
     p, V, F = (np.ascontiguousarray(points, float), np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int64))
     d2, face, q = igl.point_mesh_squared_distance(p, V, F)
     face = np.asarray(face).ravel()

@@ -3,7 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tasks.geometry.faults import Fault
+
 SKIN = "body"  # the part that is no garment
+
+
+def part_faults(part: NDArray[np.str_], where: str) -> list[Fault]:
+    """A fault for every name in part [F] that is `SKIN` but for upper and lower case: it would be simulated as cloth."""
+    remedy = f"Rename it to {SKIN!r}: every part of another name is taken for a garment."
+    return [Fault(where, f"it has a part {name!r}", remedy) for name in np.unique(part).tolist() if name.lower() == SKIN != name]
 
 
 def skin_vertices(faces: NDArray[np.integer], part: NDArray[np.str_], vertex_count: int) -> NDArray[np.bool_]:

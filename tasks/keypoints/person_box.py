@@ -4,8 +4,8 @@
     and feet meet in space best (rays, triangulation) and that moves most
 
 Several figures may move or stand in a view; the one that was recorded is the one that all cameras see in the same place.
-Limits: the person must move over the clip by more than a limb's width; cameras must stand still; two people who both walk before all
-cameras are told apart by amount of movement alone.
+Limits: the person must move over the clip by more than a limb's width, or enter it, and not stand in one place for most of it; cameras
+must stand still; two people who both walk before all cameras are told apart by amount of movement alone.
 """
 
 from __future__ import annotations
@@ -61,6 +61,12 @@ def moving_boxes(frames: list[np.ndarray], median: np.ndarray, *, count: int = 3
         chosen = [k for k in np.argsort(-energy)[:count] if energy[k] > LEAST_PIXELS]
         boxes.append(np.array([box_from_mask((label == k) & (on > 0)) for k in chosen]).reshape(-1, 4) / scale)
     return boxes
+
+
+def moving_person(cameras: Cameras, still: list[np.ndarray], images: list[np.ndarray]) -> np.ndarray:
+    """Boxes [camera,4] px of the one who moves in `images`, one RGB picture per camera, against what stands `still` in each
+    (`temporal_median`); NaN where a view shows nobody, in all of them where no two agree."""
+    return same_person(cameras, [moving_boxes([image], background)[0] for image, background in zip(images, still, strict=True)])
 
 
 def temporal_median(frames: list[np.ndarray], *, samples: int = 25) -> np.ndarray:

@@ -5,13 +5,13 @@ keypoints disagree with the others in space (another figure, a lost box) is look
 
     x_k = argmin Σ_c w_ck ρ(|π_c(x_k) − u_ck|),   ρ Cauchy's with scale σ;     a view disagrees when its median |π_c(x) − u_c| > limit
 
-Limits: one person; without masks the person must move for the first frame's boxes (see `person_box`); at least three views are needed to
-tell which one is wrong.
+Without masks the first boxes are sought in one frame after another until views agree on somebody; frames before that have no keypoints.
+Limits: one person; who is found first is followed to the end; at least three views are needed to tell which one is wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from tasks.geometry.cameras import Cameras, project, triangulate
 from tasks.keypoints.detector import Detections, Detector
-from tasks.keypoints.person_box import LOW, NOWHERE, box_from_keypoints, moving_boxes, same_person, temporal_median
+from tasks.keypoints.person_box import LOW, NOWHERE, box_from_keypoints
 
 BODY = slice(0, 23)
 CAUCHY_SCALE = 0.02  # of the box's diagonal
@@ -40,32 +40,31 @@ def follow_masks(detector: Detector, frames: Iterable[tuple[list[np.ndarray], li
     return _stacked([detector.detect(images, masks=masks) for images, masks in frames])
 
 
-def follow_motion(detector: Detector, cameras: Cameras, frames: Iterable[list[np.ndarray]], boxes: np.ndarray) -> RigKeypoints:
-    """Keypoints of every frame without masks, from first boxes [camera,4]; `frames` yields the pictures of all cameras."""
+def follow_motion(
+    detector: Detector, cameras: Cameras, frames: Iterable[list[np.ndarray]], seek: Callable[[list[np.ndarray]], np.ndarray]
+) -> RigKeypoints:
+    """Keypoints of every frame without masks; `frames` yields the pictures of all cameras, `seek(pictures)` boxes [camera,4] px to begin
+    with, all NaN where it sees nobody. Frames without any box have no keypoints."""
     found: list[Detections] = []
+    boxes = np.tile(NOWHERE, (len(cameras), 1))
     for images in frames:
-        detections = detector.detect(images, boxes=boxes, refine=0 if found else 2)
-        mended = agreed_boxes(cameras, detections, detections.box)
-        again = np.flatnonzero((mended != detections.box).any(1) & np.isfinite(mended).all(1))
-        if len(again):
-            second = detector.detect([images[c] for c in again], boxes=mended[again], refine=1)
-            for old, new in zip((detections.uv, detections.score, detections.box), (second.uv, second.score, second.box)):
-                old[again] = new
+        begun = np.isfinite(boxes).any()
+        detections = detector.detect(images, boxes=boxes if begun else seek(images), refine=0 if begun else 2)
+        if np.isfinite(detections.box).any():
+            _look_again(detector, cameras, images, detections)
+            boxes = next_boxes(cameras, detections)
         found.append(detections)
-        boxes = next_boxes(cameras, detections)
     return _stacked(found)
 
 
-def first_boxes(cameras: Cameras, frames: list[list[np.ndarray]], *, at: int = 0) -> np.ndarray:
-    """Boxes [camera,4] of the moving person in frame `at` of a clip, `frames[frame][camera]` RGB; NaN where no view shows one.
-
-    A sparse sample of the clip, spread over all of it, is enough.
-    """
-    candidates = []
-    for camera in range(len(cameras)):
-        view = [images[camera] for images in frames]
-        candidates.append(moving_boxes([view[at]], temporal_median(view))[0])
-    return same_person(cameras, candidates)
+def _look_again(detector: Detector, cameras: Cameras, images: list[np.ndarray], found: Detections) -> None:
+    """Replace, in `found`, what views that the others contradict have seen."""
+    mended = agreed_boxes(cameras, found, found.box)
+    again = np.flatnonzero((mended != found.box).any(1) & np.isfinite(mended).all(1))
+    if len(again):
+        second = detector.detect([images[c] for c in again], boxes=mended[again], refine=1)
+        for old, new in zip((found.uv, found.score, found.box), (second.uv, second.score, second.box)):
+            old[again] = new
 
 
 def agreed_points(cameras: Cameras, uv: np.ndarray, score: np.ndarray, *, scale: float, rounds: int = 4) -> tuple[np.ndarray, np.ndarray]:

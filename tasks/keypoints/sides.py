@@ -22,10 +22,10 @@ SIDED = np.flatnonzero(
 
 
 def same_sides(cameras: Cameras, found: RigKeypoints) -> tuple[RigKeypoints, np.ndarray]:
-    """The keypoints with views turned round where the others say so, and which were [frame, camera]."""
+    """The keypoints with views turned round where the others say so, and which were [frame, camera]; frames without boxes stay."""
     uv, score = found.uv.copy(), found.score.copy()
     turned = np.zeros(uv.shape[:2], bool)
-    for t in range(len(uv)):
+    for t in np.flatnonzero(np.isfinite(found.box).any((1, 2))):
         diagonal = np.nanmedian(np.linalg.norm(found.box[t, :, 2:] - found.box[t, :, :2], axis=1))
         for _ in range(ROUNDS):
             wrong = _swapped(cameras, uv[t], score[t], CAUCHY_SCALE * diagonal)

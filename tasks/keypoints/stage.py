@@ -1,5 +1,6 @@
 """The door of keypoints: find the 133 points of COCO-WholeBody in every picture."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,8 @@ from tasks.capture.recording import Recording
 from tasks.geometry.faults import BadInput, Fault
 from tasks.keypoints.detector import BUNDLED, Detector
 from tasks.keypoints.keypoint_files import read_keypoints
-from tasks.keypoints.rig_keypoints import RigKeypoints, first_boxes, follow_masks, follow_motion
+from tasks.keypoints.person_box import moving_person, temporal_median
+from tasks.keypoints.rig_keypoints import RigKeypoints, follow_masks, follow_motion
 from tasks.keypoints.sides import same_sides
 from tasks.recorded import recorded
 from tasks.stage import Folder, Job, ModelFile, Parameters, content_digest, stage
@@ -30,7 +32,7 @@ class KeypointsParameters(Parameters):
     pixel_centre: float = Field(0.0, ge=0, le=0.5)
 
 
-@stage("keypoints", version=1, pool="vision", timeout_s=4 * 3600)
+@stage("keypoints", version=2, pool="vision", timeout_s=4 * 3600)
 def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Keypoints:
     """Detect in all frames and cameras, or read what was detected elsewhere."""
     recording = recorded(capture, job.recording)
@@ -59,9 +61,14 @@ def _follow(detector: Detector, recording: Recording, job: Job) -> RigKeypoints:
 
     if recording.mask is not None:
         return follow_masks(detector, ((pictures(t), [recording.read_mask(camera, t) for camera in cameras]) for t in range(count)))
-    spread = sorted({0, *np.linspace(0, count - 1, GLIMPSES).astype(int).tolist()})
-    boxes = first_boxes(recording.cameras, [[recording.read_rgb(camera, t) for camera in cameras] for t in spread])
-    return follow_motion(detector, recording.cameras, (pictures(t) for t in range(count)), boxes)
+    spread = np.unique(np.linspace(0, count - 1, GLIMPSES).astype(int)).tolist()
+    still = [temporal_median([recording.read_rgb(camera, t) for t in spread]) for camera in cameras]
+    seek = partial(moving_person, recording.cameras, still)
+    found = follow_motion(detector, recording.cameras, (pictures(t) for t in range(count)), seek)
+    if not np.isfinite(found.box).any():
+        remedy = "Store masks beside the pictures, or give keypoints found elsewhere by keypoints.file."
+        raise BadInput([Fault(str(recording.root), "in no frame does anybody move where two cameras agree on it", remedy)])
+    return found
 
 
 def _read(path: Path, recording: Recording, pixel_centre: float) -> Keypoints:

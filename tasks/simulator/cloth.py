@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.geometry.faults import Fault, refuse
-from tasks.geometry.meshes import edges, face_areas, hinges, mesh_faults
+from tasks.geometry.meshes import edges, face_areas, hinges, loose_vertex_faults, mesh_faults
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -39,6 +39,7 @@ class Cloth:
 
     def _faults(self) -> list[Fault]:
         faults = mesh_faults(self.x_rest, self.faces, "cloth.x_rest", metres=False)
+        faults += loose_vertex_faults(self.faces, len(self.x_rest), "cloth.x_rest")
         V, B = len(self.x_rest), self.boundary
         if len(B) and (B.min() < 0 or B.max() >= V or len(np.unique(B)) < len(B)):
             faults.append(

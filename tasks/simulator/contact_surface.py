@@ -1,8 +1,9 @@
 """The surface of contact: cloth and collider as one collision mesh, the pairs near each other, and how far one may move.
 
-Collider vertices come after the cloth's. Pairs whose vertices are all prescribed (collider, boundary) are ignored: nothing could answer
-them. Candidates found for a segment x → y hold for every point of it and for all within a little slack around, so that the broad phase,
-which sees the whole collider, is asked about once per step, not once per Newton iteration.
+Collider vertices come after the cloth's; those of no face are no skin, and take no part. Pairs whose vertices are all prescribed
+(collider, boundary) are ignored: nothing could answer them. Candidates found for a segment x → y hold for every point of it and for all
+within a little slack around, so that the broad phase, which sees the whole collider, is asked about once per step, not once per Newton
+iteration.
 
 Pairs and their potentials are ipctk's; what asks about every candidate, the broad phase and continuous collision detection, is compiled
 here (`near_pairs.py`, `additive_ccd.py`), for there a step spent a third of its time.
@@ -57,8 +58,8 @@ class ContactSurface:
         patch[prescribed] = 0
         self.mesh.can_collide = ipctk.make_vertex_patches_filter(patch)
         self.contact_areas = np.array([self.mesh.vertex_area(i) for i in range(len(rest))])
-        vertices = np.arange(len(rest), dtype=np.int32)[:, None]
-        self._trees = [BoxTree.of(elements, rest, prescribed) for elements in (self.edges, self.faces, vertices)]
+        self._skin = np.unique(self.faces)
+        self._trees = [BoxTree.of(elements, rest, prescribed) for elements in (self.edges, self.faces, self._skin[:, None])]
         own = self.edges[self.edges[:, 1] < self.cloth_size]
         self._slack = min(SLACK * barrier_distance, WITHIN * float(np.median(edge_lengths(cloth.x_rest, own))))
         self._candidates: Pairs | None = None
@@ -79,7 +80,9 @@ class ContactSurface:
     def coming_near(self, X: Array, Y: Array, inflation: float) -> Pairs:
         """Pairs whose swept boxes between X and Y [V + C, 3], grown by inflation [m] on every side, meet."""
         low, high = np.minimum(X, Y) - inflation, np.maximum(X, Y) + inflation
-        return near_pairs(*self._trees, np.ascontiguousarray(low), np.ascontiguousarray(high))
+        edge_edge, face_vertex = near_pairs(*self._trees, np.ascontiguousarray(low), np.ascontiguousarray(high))
+        face_vertex[:, 1] = self._skin[face_vertex[:, 1]]
+        return edge_edge, face_vertex
 
     def _known(self, X: Array) -> bool:
         """Whether the candidates hold at X: every vertex within its box."""

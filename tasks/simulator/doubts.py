@@ -26,15 +26,15 @@ PLAUSIBLE = {  # of the fabric's fields
     "poisson": (-0.5, 0.5),
 }
 POSITIVE = ("density", "membrane", "rest_scale")
+NOT_NEGATIVE = ("bending", "friction", "self_friction")
 
 
 def fabric_faults(fabric: Fabric) -> list[Fault]:
-    """Parameters with which there is no motion: not finite, or negative where a mass or a stiffness is meant."""
+    """Parameters with which there is no motion: not finite, or negative where a mass, a stiffness or friction is meant."""
     given = {name: getattr(fabric, name) for name in PLAUSIBLE if getattr(fabric, name) is not None}
     faults = [Fault(f"fabric.{name}", f"{value}", "Give a finite number.") for name, value in given.items() if not np.isfinite(value)]
     faults += [Fault(f"fabric.{name}", f"{given[name]}", "It must be above 0.") for name in POSITIVE if given[name] <= 0]
-    if given["bending"] < 0:
-        faults.append(Fault("fabric.bending", f"{given['bending']}", "It must not be negative."))
+    faults += [Fault(f"fabric.{name}", f"{given[name]}", "It must not be negative.") for name in NOT_NEGATIVE if given.get(name, 0) < 0]
     if abs(given["poisson"]) >= 1:
         faults.append(Fault("fabric.poisson", f"{given['poisson']}", "It must lie between -1 and 1."))
     return faults

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
-from tasks.simulator.potential import Blocks, Potential, Step
+from tasks.simulator.potential import NO_STIFFNESS, Array, Blocks, Potential, Step
 
-Array = NDArray[np.float64]
 STANDARD = (0.0, -9.81, 0.0)  # [m/s²], y up
 
 
@@ -30,7 +28,7 @@ class Gravity(Potential):
 
     @override
     def hessian(self, x: Array, step: Step, *, convex: bool) -> Blocks:
-        return Blocks(np.empty((0, 1), np.int32), np.empty((0, 3, 3)))
+        return NO_STIFFNESS
 
     @override
     def parameter_gradient(self, name: str, x: Array, step: Step) -> Array:

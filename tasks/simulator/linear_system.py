@@ -43,6 +43,7 @@ class LinearSystem:
         self.node = np.full(vertex_count, -1, np.int32)
         self.free = np.setdiff1d(np.arange(vertex_count, dtype=np.int32), prescribed)
         self.node[self.free] = np.arange(len(self.free))
+        self._used: set[int] = set()
         self._constant = np.unique(np.concatenate([_keys(self.node[s], len(self.free)) for s in stencils] + [_diagonal(len(self.free))]))
         self._keep(self._constant)
 
@@ -88,6 +89,7 @@ class LinearSystem:
             elif not self._add_sparse(data, term):
                 self._grow(term)
                 return self.assemble(terms)
+        self._forget_all_but(terms)
         A = copy(self._empty)  # not made anew: scipy would examine the pattern every time
         A.data = data
         return A
@@ -129,6 +131,12 @@ class LinearSystem:
             known = (stencils, self._find(stencils))
             self._known[id(stencils)] = known
         return known[1]
+
+    def _forget_all_but(self, terms: Sequence[Blocks | csc_matrix]) -> None:
+        """Keep the stencils of these terms and of those before, for exact and convex terms take turns. A term may bring new ones each time."""
+        used = {id(term.stencils) for term in terms if isinstance(term, Blocks)}
+        self._known = {key: known for key, known in self._known.items() if key in used | self._used}
+        self._used = used
 
     def _find(self, stencils: Indices) -> NDArray[np.int64]:
         node = self.node[stencils].astype(np.int64)

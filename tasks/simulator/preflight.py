@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 TIME = 0.02  # s of the inertia that holds cloth in its place [s]: the larger, the more its own stiffness decides
 NEAREST = 0.01  # share of the barrier distance that a start may keep: cloth pressed onto a body rests at 0.03 of it, and goes on from there
 ATTEMPTS = 12
+FAR = 1e3  # [m] from which no collider touches cloth
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,12 @@ class Separated:
     ending: str = CONVERGED
 
 
-def inspect(problem: Problem, cloth: Cloth, collider: Collider, x: Array, collider_x: Array, *, most: int = 10) -> list[Fault]:
-    """Crossings and touches of x [V, 3] with itself and the collider [C, 3]; at most `most` places, the rest counted."""
+def inspect(
+    problem: Problem, cloth: Cloth, collider: Collider, x: Array, collider_x: Array, *, least: float, most: int = 10
+) -> list[Fault]:
+    """Crossings of x [V, 3] with itself and the collider [C, 3], at most `most` places, the rest counted; where nothing crosses, the two
+    surfaces that are nearest, if that is no more than `least` [m].
+    """
     surface = problem.surface
     X = surface.join(x, collider_x)
     crossings = _crossings(problem, X) if surface.intersects(X) else []
@@ -46,15 +51,9 @@ def inspect(problem: Problem, cloth: Cloth, collider: Collider, x: Array, collid
     if len(crossings) > most:
         faults.append(Fault("x0", f"{len(crossings) - most} further crossings", "See the places above."))
     surface.forget()
-    if not crossings and surface.least_distance(X) <= surface.offset * (1 + 1e-9):
-        d = surface.least_distance(X)
-        faults.append(
-            Fault(
-                "x0",
-                f"surfaces are {1e3 * d:.4f} mm apart, the offset is {1e3 * surface.offset:.4f} mm",
-                "Lower contact_offset or move them apart.",
-            )
-        )
+    if not crossings and surface.least_distance(X) <= least:
+        remedy = "Lower contact_offset, weld or move them apart." if surface.offset else "Weld or move them apart."
+        faults.append(Fault("x0", f"{surface.tightest(X)}, a start needs {1e3 * least:.3g}", remedy))
     return faults
 
 
@@ -65,8 +64,9 @@ def separate(problem: Problem, cloth: Cloth, collider: Collider, x: Array, colli
         return Separated(x, 0.0)
     small = _drawn_in(problem, collider, x, collider_x)
     if small is None:
-        crossing = inspect(problem, cloth, collider, x, collider_x)
-        return Separated(x, 0.0, "cloth cannot be freed: " + "; ".join(map(str, crossing[:3])))
+        alone = inspect(problem, cloth, collider, x, collider_x + FAR, least=_least(surface))  # no drawing in helps cloth in its own way
+        reasons = alone or inspect(problem, cloth, collider, x, collider_x, least=_least(surface))
+        return Separated(x, 0.0, "cloth cannot be freed: " + "; ".join(map(str, reasons[:3])))
     held = replace(problem, potentials=[p for p in problem.potentials if not isinstance(p, (Gravity, ContactFriction))])
     still = np.zeros_like(x)
     step = Step(TIME, TIME, x, still, x, still, collider_x, small, small)

@@ -82,8 +82,7 @@ def simulate(
     """
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
     v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
-    collider_motion = np.asarray(collider_motion, float).reshape(len(collider_motion), -1, 3)
-    boundary_motion = np.asarray(boundary_motion, float).reshape(len(boundary_motion), -1, 3)
+    collider_motion, boundary_motion = _motion(collider_motion), _motion(boundary_motion)
     refuse([*_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0, resume), *fabric_faults(fabric)])
     areas_of = collider_motion[0] if collider_rest is None else collider_rest
     problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
@@ -194,7 +193,8 @@ class _Walk:
         return collider
 
     def _checked(self, x: Array, collider: Array) -> Separated:
-        faults = inspect(self.problem, self.cloth, self.collider, x, collider)
+        touching = self.problem.surface.offset * (1 + 1e-9)  # what is nearer than contact can push apart
+        faults = inspect(self.problem, self.cloth, self.collider, x, collider, least=touching)
         return Separated(x, 0.0, "; ".join(map(str, faults)) or CONVERGED)
 
     def _interval(self, collider: Array, boundary: Array, duration: float, a: float, b: float, halvings: int) -> tuple[str, int]:
@@ -243,10 +243,17 @@ def _between(pair: Array, share: float) -> Array:
     return pair[1] if share == 1 else (1 - share) * pair[0] + share * pair[1]
 
 
+def _motion(given: Array) -> Array:
+    """[T, N, 3]; what cannot be one stays as it is, to be refused."""
+    given = np.asarray(given, float)
+    return given.reshape(len(given), -1, 3) if len(given) and given.size % (3 * len(given)) == 0 else given
+
+
 def _faults(
     cloth: Cloth, collider: Collider, motion: Array, boundary: Array, fps: float, x0: Array, v0: Array, resume: Standing | None
 ) -> list[Fault]:
-    V, B, C = len(cloth.x_rest), len(cloth.boundary), motion.shape[1]
+    V, B, named = len(cloth.x_rest), len(cloth.boundary), collider.faces
+    C = motion.shape[1] if motion.ndim == 3 else int(named.max(initial=-1)) + 1
     wanted = {
         "x0": (x0, (V, 3)),
         "v0": (v0, (V, 3)),
@@ -257,8 +264,11 @@ def _faults(
     if resume is not None and (resume.now.x.shape != (V, 3) or resume.now.collider.shape != (C, 3)):
         faults.append(Fault("resume", "it is not of this cloth and collider", "Begin anew."))
     faults += [Fault(name, "values that are not finite", "Repair them.") for name, (a, _) in wanted.items() if not np.isfinite(a).all()]
-    if collider.faces.size and collider.faces.max() >= C:
-        faults.append(Fault("collider.faces", f"they name vertex {collider.faces.max()} of {C}", "Give the faces of collider_motion."))
+    wild = named[(named < 0) | (named >= C)]
+    if len(wild):
+        faults.append(Fault("collider.faces", f"they name vertex {wild[0]} of {C}", "Give the faces of collider_motion."))
+    if not len(motion):
+        faults.append(Fault("collider_motion", "it has no frames", "Give at least the start."))
     if not fps > 0:
         faults.append(Fault("fps", f"{fps}", "Give frames per second."))
     return faults

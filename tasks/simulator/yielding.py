@@ -64,13 +64,13 @@ def give_way(
 ) -> tuple[Array, Yielded]:
     """The collider [C, 3] drawn in where it pinches itself near cloth [V, 3] or covers pins [B, 3] or the edges [J, 2] between them.
 
-    faces [F, 3], clearance c [m].
+    faces [F, 3], clearance c [m]. Vertices of no face stay where they are.
     """
     if not len(faces):
         return collider, Yielded(np.zeros(len(collider)))
     collider = np.ascontiguousarray(collider)  # else kernels are compiled once more, for strides
     normals, e, held = vertex_normals(collider, faces), edges(faces), _along(pins, held_edges)
-    near = np.flatnonzero(cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH)
+    near = np.intersect1d(np.flatnonzero(cKDTree(cloth).query(collider, distance_upper_bound=REACH)[0] < REACH), faces)
     under, p = _covered_depth(collider, faces, normals, near, clearance)
     pinned = pin_depth(collider, faces, held, clearance)
     most, most_pinned = min(0.5 * p + clearance, MOST), min(pinned.max(), MOST)

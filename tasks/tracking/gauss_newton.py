@@ -88,11 +88,12 @@ def fit(scene: Scene, instant: Instant, start: Array) -> Fit:
 def look(scene: Scene, instant: Instant, x: Array) -> View:
     """What of the surface at x [V, 3] m the cameras see."""
     surface, settings = scene.surface, scene.settings
-    own = buffers(scene.cameras.scaled(settings.buffer_scale), x, surface.faces)
+    small = scene.cameras.scaled(settings.buffer_scale)
+    own = buffers(small, x, surface.faces)
     cosine = facing_cosines(
         x, surface, scene.cameras, occluder=instant.occluder, side=scene.reference.side, facing=settings.facing, settings=settings, own=own
     )
-    return View(np.abs(cosine) * scene.reference.known[:, None], None if instant.outlines is None else outline.rim(own))
+    return View(np.abs(cosine) * scene.reference.known[:, None], None if instant.outlines is None else outline.rim(own, small))
 
 
 def linearise(scene: Scene, instant: Instant, number: int, x: Array, view: View) -> tuple[float, blocks.NormalEquations]:

@@ -2,10 +2,18 @@
 
 P(x) = Σ_k Σ_q ½ log(1 + (d_k(π_k(x_q))/σ)²)
 
-over the pixels q of the z-buffer that lie on the rim of what the surface covers, each the point x_q = Σ_i b_i x_i of its face; d is the
-signed distance to the outline of camera k's mask [px], positive inside. Rims that the mask does not show (an arm before the chest) are not
-in the sum. Rim points are found anew with every look at what is visible and held fixed in between, as is the Cauchy loss's σ =
-max(σ_outline, blur).
+over the pairs q of a pixel of the z-buffer that the surface covers and a neighbour that it does not; d is the signed distance to the
+outline of camera k's mask [px], positive inside. The rim runs somewhere between the centres of the two, on average halfway whatever its
+direction:
+
+x_q = Σ_i b_i x_i + o_q,   o_q = z/2 (Δu/f_x, Δv/f_y, 0) in camera axes
+
+with b_i the covered pixel's place in its face, z its depth [m], and (Δu, Δv) the step of one pixel to the neighbour. The covered centre
+alone lies inside, by more the coarser the buffer, and would push the surface out by as much. Half a pixel further in the face's own plane
+would be far off where the face is seen edge-on, as faces on a rim are.
+
+Rims that the mask does not show (an arm before the chest) are not in the sum. Rim points are found anew with every look at what is visible;
+their b_i and o_q are held fixed in between, as is the Cauchy loss's σ = max(σ_outline, blur).
 
 The photometric term alone leaves a surface that has shrunk into its own picture where it is: all that it covers has the right colour.
 This term does not.
@@ -14,6 +22,7 @@ Source: outlines in performance capture, e.g. Vlasic et al. (2008), Articulated 
 rim point is led to the nearest outline, which may belong to another limb; the loss forgives those that are far.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +34,8 @@ from tasks.geometry.rasterise import Fragments
 from tasks.tracking.mask_distance import signed_distance
 
 Array = NDArray[np.float64]
+
+_STEPS = ((-1, 0), (1, 0), (0, -1), (0, 1))  # [px] to the four neighbours, (column, row)
 
 
 @dataclass(frozen=True)
@@ -40,11 +51,12 @@ class Outlines:
 
 @dataclass(frozen=True)
 class Rim:
-    """Points on the rim of the covered pixels: camera [Q], face [Q], barycentric [Q, 3]."""
+    """Points on the rim: camera [Q], face [Q], barycentric [Q, 3] of the covered pixel, beyond [Q, 3] m from it, in camera axes."""
 
     camera: NDArray[np.int64]
     face: NDArray[np.int64]
     barycentric: Array
+    beyond: Array
 
 
 def outlines(stacked: list[NDArray[np.float32]]) -> Outlines:
@@ -54,18 +66,12 @@ def outlines(stacked: list[NDArray[np.float32]]) -> Outlines:
     return Outlines(np.concatenate([d.ravel() for d in fields]), np.concatenate([[0], np.cumsum(size.prod(1))[:-1]]), size)
 
 
-def rim(buffers: list[Fragments]) -> Rim:
-    """Covered pixels with an uncovered neighbour, away from the image's border."""
-    found = []
-    for k, buffer in enumerate(buffers):
-        covered = buffer.face >= 0
-        bare = ~covered
-        beside = np.zeros_like(covered)
-        beside[1:-1, 1:-1] = bare[:-2, 1:-1] | bare[2:, 1:-1] | bare[1:-1, :-2] | bare[1:-1, 2:]
-        j, i = np.nonzero(covered & beside)
-        found.append((np.full(len(j), k), buffer.face[j, i].astype(np.int64), buffer.barycentric[j, i].astype(float)))
-    camera, face, barycentric = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Rim(camera, face, barycentric)
+def rim(buffers: Sequence[Fragments], cameras: Cameras) -> Rim:
+    """Halfway between every covered pixel, away from the image's border, and each of its uncovered neighbours;
+    cameras of the buffers' size.
+    """
+    found = [_halfway(k, buffer, cameras.K[k], step) for k, buffer in enumerate(buffers) for step in _STEPS]
+    return Rim(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def add_derivatives(
@@ -82,18 +88,28 @@ def add_derivatives(
 ) -> None:
     """Add to energy [F], gradient [F, 3, 3] and Hessian [F, 3, 3, 3, 3] of the faces, as photometric.derivatives gives them; sigma [px]."""
     _fill(
-        x, faces, rim.camera, rim.face, rim.barycentric, outlines.distance, outlines.offset, outlines.size,
+        x, faces, rim.camera, rim.face, rim.barycentric, rim.beyond, outlines.distance, outlines.offset, outlines.size,
         cameras.K, cameras.R, cameras.t, sigma, energy, gradient, hessian,
     )  # fmt: skip
 
 
+def _halfway(k: int, buffer: Fragments, K: Array, step: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]:
+    """Camera, face, barycentric and beyond of the rim points of camera k whose uncovered pixel lies one `step` (column, row) further."""
+    (Δu, Δv), (height, width) = step, buffer.face.shape
+    covered = buffer.face >= 0
+    further = covered[1 + Δv : height - 1 + Δv, 1 + Δu : width - 1 + Δu]
+    j, i = np.array(np.divmod(np.flatnonzero(covered[1:-1, 1:-1] & ~further), width - 2)) + 1
+    beyond = buffer.depth[j, i, None] * np.array([Δu / K[0, 0], Δv / K[1, 1], 0.0]) / 2
+    return np.full(len(j), k), buffer.face[j, i].astype(np.int64), buffer.barycentric[j, i].astype(float), beyond
+
+
 @njit(cache=True)
-def _fill(x, faces, camera, face, barycentric, distance, offset, size, K, R, t, sigma, energy, g, H):
+def _fill(x, faces, camera, face, barycentric, beyond, distance, offset, size, K, R, t, sigma, energy, g, H):
     J, p = np.empty(3), np.empty(3)
     for q in range(len(face)):
         k, f = camera[q], face[q]
         for a in range(3):
-            p[a] = t[k, a]
+            p[a] = t[k, a] + beyond[q, a]
         for i in range(3):
             for a in range(3):
                 for c in range(3):

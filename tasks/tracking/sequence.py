@@ -19,6 +19,7 @@ from tasks.geometry.meshes import mesh_faults
 from tasks.read_ahead import read_ahead
 from tasks.tracking import noise, outline, photometric, pyramid, reference
 from tasks.tracking.gauss_newton import Fit, Instant, Scene, fit, linearise, look, pixel_size
+from tasks.tracking.inside_skin import depth_in_skin
 from tasks.tracking.pyramid import Images, Level
 from tasks.tracking.settings import Settings
 from tasks.tracking.surface import Shape, Surface, shape, surface
@@ -31,8 +32,8 @@ _EYES = 2  # cameras that must see something around a vertex for it to count as 
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """One frame. vertices [V, 3] m; seen [V]; noise_m [V] standard deviation per coordinate; photometric_rms of the finest level;
-    how it ended.
+    """One frame. vertices [V, 3] m; seen [V]; noise_m [V] standard deviation per coordinate, of what is seen;
+    photometric_rms of the finest level; how it ended.
     """
 
     frame: int
@@ -164,18 +165,20 @@ def _described(scene: Scene, now: Instant, found: Fit, t: int) -> TrackedFrame:
         weight=found.weight,
         reference=scene.reference.colour[-1],
     )
-    σ = scene.settings.noise_calibration * noise.posterior(found.system)
+    views = _views(mesh, found.weight, len(found.x))
+    depth = depth_in_skin(found.x, mesh, scene.cameras.scaled(scene.settings.buffer_scale), views=views)
+    σ = noise.stated(scene.settings.noise_calibration * noise.posterior(found.system), depth)
     rms = float(np.sqrt(np.nanmean(r[..., :3] ** 2))) if np.isfinite(r).any() else float("nan")
-    return TrackedFrame(t, found.x, _seen(mesh, found.weight, len(found.x)), σ, rms, found.ending)
+    return TrackedFrame(t, found.x, views.sum(1) >= _EYES, σ, rms, found.ending)
 
 
-def _seen(mesh: Surface, weight: NDArray[np.float32], vertex_count: int) -> NDArray[np.bool_]:
-    """Vertices with samples on their faces in at least two cameras [V]."""
+def _views(mesh: Surface, weight: NDArray[np.float32], vertex_count: int) -> NDArray[np.bool_]:
+    """Which cameras see samples on the faces of a vertex [V, camera]."""
     by_face = (weight.reshape(len(mesh.faces), -1, weight.shape[1]) > 0).any(1)
     views = np.zeros((vertex_count, weight.shape[1]), bool)
     for corner in range(3):
         np.logical_or.at(views, mesh.faces[:, corner], by_face)
-    return views.sum(1) >= _EYES
+    return views
 
 
 def _colour_correction(

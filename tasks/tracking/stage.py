@@ -31,7 +31,7 @@ class TrackingParameters(Parameters):
     camera_gain: bool = True
 
 
-@stage("tracking", version=5, pool="tracking", timeout_s=24 * 3600, retries=1)
+@stage("tracking", version=6, pool="tracking", timeout_s=24 * 3600, retries=1)
 def tracking(job: Job, capture: Capture, body: Body, parameters: TrackingParameters) -> Tracking:
     """Track skin and garments; skin starts each frame where the fitted body carries it."""
     recording = recorded(capture, job.recording)

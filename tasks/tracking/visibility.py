@@ -4,7 +4,8 @@ A sample is compared at the centre of the buffer's pixel it falls into, with the
 slanted faces need no slack. It counts as seen if it lies no further behind the buffer than a tolerance:
 
 - τ (a share of the mean edge) behind cloth or skin of its own layer;
-- the layer tolerance, for cloth behind skin: cloth is worn outside, so there it is the tracking that is wrong;
+- the layer tolerance, for cloth behind skin: cloth is worn outside, so there it is the tracking that is wrong (by how
+  much is stated as noise: inside_skin.py);
 - nothing, for skin behind cloth;
 - the occluder tolerance behind the occluder, an approximate body that the template does not contain.
 

@@ -20,10 +20,11 @@ import numpy as np
 
 from tasks.cloth import gauss_newton, perseverance
 from tasks.cloth.adam_fd import ITERATIONS, Descent, as_algorithm_1, descend
+from tasks.cloth.base_parameters import PARAMETERS, moved
 from tasks.cloth.checkpoints import load_descent, save_descent
 from tasks.cloth.driven_motion import quieted
 from tasks.cloth.estimates import insensitive
-from tasks.cloth.gauss_newton import PARAMETERS, Normal, Progress, fit, loss, moved, normal_equations
+from tasks.cloth.gauss_newton import Normal, Progress, fit, loss, normal_equations
 from tasks.cloth.scene import Scene, replay
 from tasks.cloth.windowed_fit import fit_windows, started_well
 from tasks.simulator import Fabric, Frame, Settings, simulate
@@ -232,7 +233,7 @@ def steps_of_cipc(name: str) -> dict[str, Any]:
         replays = [replay(s, fabric, tangents=PARAMETERS) for s in scenes]
         followed = [(loss(s, r), normal_equations(s, r)) for s, r in zip(scenes, replays) if r.complete]
         step = Normal(np.concatenate([n.g / scale for scale, n in followed]), np.concatenate([n.A / scale for scale, n in followed])).step
-        fabric = moved(fabric, np.clip(step, -1.2, 1.2))
+        fabric, _ = moved(fabric, np.clip(step, -1.2, 1.2))
         if np.abs(step).max() < 5e-3:
             break
     return {"membrane": fabric.membrane, "bending": fabric.bending, "steps": len(scenes)}

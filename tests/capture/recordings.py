@@ -1,6 +1,7 @@
 """Small recordings in the ActorsHQ layout, written to a temporary folder."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,17 +47,17 @@ def random_rig(seed: int, count: int = 5) -> Cameras:
     return Cameras(tuple(f"Cam{k + 1:03d}" for k in range(count)), K, R, t, size.astype(np.int32), np.zeros((count, 5)))
 
 
-def write_sequence(folder: Path, rig: Cameras | None = None) -> Path:
+def write_sequence(folder: Path, rig: Cameras | None = None, *, frames: Sequence[int] = FRAMES) -> Path:
     """Actor01/Sequence1 with scale 4x, three cameras, three frames, masks, boxes, lamps, a template."""
     rig = rig or ring()
     sequence, scale = folder / "Actor01" / "Sequence1", folder / "Actor01" / "Sequence1" / "4x"
     scale.mkdir(parents=True)
     write_calibration_csv(scale / "calibration.csv", rig)
     (scale / "light_annotations.csv").write_text("camera,x,y,r\nCam001,3.5,4,2\n")
-    (sequence / "scene.json").write_text(json.dumps({"num_frames": len(FRAMES)}))
+    (sequence / "scene.json").write_text(json.dumps({"num_frames": len(frames)}))
     (sequence / "physavatar.json").write_text(json.dumps({"fps": 25, "up": "y", "mass_kg": 0.3, "first_frame": 0}))
     box = "frame_number,aabb_min_x,aabb_min_y,aabb_min_z,aabb_max_x,aabb_max_y,aabb_max_z\n"
-    (sequence / "aabbs.csv").write_text(box + "".join(f"{f},-0.5,0,-0.5,0.5,1.7,0.5\n" for f in FRAMES))
+    (sequence / "aabbs.csv").write_text(box + "".join(f"{f},-0.5,0,-0.5,0.5,1.7,0.5\n" for f in frames))
     (sequence / "template").mkdir()
     (sequence / "template" / "template.obj").write_text(TRIANGLE)
     rng = np.random.default_rng(0)
@@ -64,7 +65,7 @@ def write_sequence(folder: Path, rig: Cameras | None = None) -> Path:
         w, h = rig.size[k]
         for kind in ("rgb", "mask"):
             (scale / f"{kind}s" / name).mkdir(parents=True)
-        for frame in FRAMES:
+        for frame in frames:
             Image.fromarray(rng.integers(0, 255, (h, w, 3), np.uint8)).save(picture(sequence, name, frame), quality=90)
             Image.fromarray(mask_of(w, h)).save(mask(sequence, name, frame))
     return sequence

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from tasks.capture.actorshq import find_sequence, read_actorshq
 from tasks.capture.calibration_actorshq import COLUMNS, read_calibration_csv, write_calibration_csv
 from tasks.geometry.cameras import project
 from tasks.geometry.faults import BadInput
-from tests.capture.recordings import FRAMES, NAMES, mask, mask_of, picture, random_rig, ring, write_sequence
+from tests.capture.recordings import FRAMES, NAMES, TRIANGLE, mask, mask_of, picture, random_rig, ring, write_sequence
 
 
 @pytest.fixture
@@ -135,6 +136,73 @@ def test_cameras_and_frames_can_be_selected_in_any_order(sequence):
     assert "Cam127_rgb000001.jpg" in r.path(0, 0)[0]
     assert "no camera 'Cam009'" in faults_of(sequence, cameras=["Cam009"])[0]
     assert "frames are missing" in faults_of(sequence, frames=[1, 99])[0]
+
+
+def test_every_other_frame_has_half_the_rate(sequence):
+    r = read_actorshq(sequence, frames=[0, 2])
+    assert r.fps == 12.5
+    assert any("stand 2 apart" in w and "12.5" in w for w in r.warnings)
+
+
+def test_a_frame_that_no_camera_has_is_a_gap(tmp_path):
+    sequence = write_sequence(tmp_path, frames=range(5))
+    for name in NAMES:
+        picture(sequence, name, 3).unlink()
+        mask(sequence, name, 3).unlink()
+    (found,) = faults_of(sequence)
+    assert str(sequence / "4x") in found
+    assert "frame 4 follows frame 2" in found
+    assert read_actorshq(sequence, frames=[0, 1, 2]).fps == 25
+
+
+def test_the_remedy_for_missing_pictures_is_one_that_helps(tmp_path):
+    """Frames left out in the middle were advised, and are refused: the rate would be wrong."""
+    sequence = write_sequence(tmp_path, frames=range(5))
+    picture(sequence, "Cam002", 2).unlink()
+    (found,) = faults_of(sequence)
+    assert "leave the camera out, or select evenly spaced frames" in found
+    assert "frame 3 follows frame 1" in faults_of(sequence, frames=[0, 1, 3, 4])[0]
+    assert read_actorshq(sequence, cameras=["Cam001", "Cam127"]).frames.tolist() == [0, 1, 2, 3, 4]
+
+
+def at_frame(sequence: Path, number: int) -> Path:
+    """A mesh of that frame, as ActorsHQ has them."""
+    (sequence / "meshes").mkdir(exist_ok=True)
+    file = sequence / "meshes" / f"Frame{number:06d}.obj"
+    file.write_text(TRIANGLE)
+    return file
+
+
+def test_the_template_of_another_frame_gives_way_to_a_mesh_of_the_first_that_is_read(sequence):
+    mesh = at_frame(sequence, 1)
+    r = read_actorshq(sequence, frames=[1, 2])
+    assert r.template == mesh
+    (warning,) = r.warnings[1:]  # the first is of scene.json
+    assert "template.obj shows frame 0" in warning
+    assert f"frame 1 is the first that is read: {mesh} is taken" in warning
+
+
+def test_the_template_of_another_frame_is_taken_with_a_warning(sequence):
+    r = read_actorshq(sequence, frames=[1, 2])
+    assert r.template == sequence / "template" / "template.obj"
+    assert "shows frame 0, the recording's first, and frame 1 is the first that is read: unless" in r.warnings[1]
+
+
+def test_at_the_first_frame_the_template_goes_before_a_mesh_without_parts(sequence):
+    """Both are of frame 0, and only the template tells garments from skin."""
+    mesh = at_frame(sequence, 0)
+    r = read_actorshq(sequence)
+    assert (r.template, r.warnings) == (sequence / "template" / "template.obj", ())
+    r.template.unlink()
+    assert read_actorshq(sequence).template == mesh
+
+
+def test_a_surface_without_skin_is_told(sequence):
+    """A modelling program writes the object's name over all faces."""
+    (sequence / "template" / "template.obj").write_text("o Scan_01\n" + TRIANGLE)
+    (warning,) = read_actorshq(sequence).warnings
+    assert "no part 'body'" in warning
+    assert "Scan_01" in warning
 
 
 def test_z_up_recordings_are_turned_with_their_template(sequence):

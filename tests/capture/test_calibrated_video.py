@@ -16,7 +16,7 @@ from tasks.capture.calibration_qualisys import read_qualisys
 from tasks.capture.letterbox import find_letterbox
 from tasks.capture.recording import to_y_up
 from tasks.capture.video import Video
-from tasks.geometry.cameras import project
+from tasks.geometry.cameras import Cameras, project
 from tasks.geometry.faults import BadInput
 from tests.capture.recordings import random_rig
 
@@ -146,6 +146,46 @@ def test_qualisys_names_units_and_rotations():
     assert (to_y_up(rig, "z").centres()[:, 1] > 1.6).all()
 
 
+def write_qualisys(path: Path, rig: Cameras, *, corner: tuple[int, int] = (0, 0), digits: int = 17) -> None:
+    """The rig as Qualisys has it: subpixels of a whole sensor, of which the video shows a part that begins at `corner`."""
+    text = ""
+    for k, name in enumerate(rig.names):
+        (w, h), (left, top), (x, y, z) = rig.size[k], corner, (1000 * rig.centres()[k]).tolist()
+        R = np.diag([1.0, -1, -1]) @ rig.R[k]
+        pose = "".join(f'r{i + 1}{j + 1}="{R[i, j]:.{digits}f}" ' for i in range(3) for j in range(3))
+        fu, fv, cu, cv = (64 * np.concatenate([rig.K[k].diagonal()[:2], rig.K[k, :2, 2] - 0.5 + corner])).tolist()
+        text += (
+            f'<camera serial="{name}"><fov_video left="{left}" top="{top}" right="{left + w - 1}" bottom="{top + h - 1}"/>'
+            f'<transform {pose} x="{x}" y="{y}" z="{z}"/>'
+            f'<intrinsic focalLengthU="{fu}" focalLengthV="{fv}" centerPointU="{cu}" centerPointV="{cv}"/></camera>'
+        )
+    path.write_text(f"<calibration>{text}</calibration>")
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (320, 72)])
+def test_a_video_of_a_part_of_the_sensor_counts_from_its_own_corner(tmp_path, corner):
+    rig = random_rig(3)
+    write_qualisys(tmp_path / "c.qca.txt", rig, corner=corner)
+    back = read_qualisys(tmp_path / "c.qca.txt")
+    for field in ("K", "R", "t", "size"):
+        np.testing.assert_allclose(getattr(back, field), getattr(rig, field), atol=1e-9)
+
+
+def test_rotations_of_four_digits_become_rotations(tmp_path):
+    """Off by more than 1e-4 as written, which a stored capture must not be: what is read is orthonormal, and as near to the truth."""
+    rig = random_rig(1)
+    rounded = replace(rig, R=rig.R.round(4))
+    write_qualisys(tmp_path / "c.qca.txt", rig, digits=4)
+    write_opencv(tmp_path / "r.json", rounded)
+    assert 1e-4 < np.abs(rounded.R @ rounded.R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-3
+    qualisys, (opencv, _) = read_qualisys(tmp_path / "c.qca.txt"), read_opencv(tmp_path / "r.json")
+    for back in (qualisys, opencv):
+        np.testing.assert_allclose(back.R @ back.R.transpose(0, 2, 1), np.tile(np.eye(3), (5, 1, 1)), atol=1e-14)
+        np.testing.assert_allclose(back.R, rig.R, atol=1e-4)
+    np.testing.assert_allclose(qualisys.centres(), rig.centres(), atol=1e-12)  # the file's own
+    np.testing.assert_allclose(opencv.t, rig.t, atol=1e-12)  # likewise
+
+
 @real
 @pytest.mark.parametrize("seed", range(30))
 def test_damaged_qualisys_files(tmp_path, seed, damage):
@@ -202,10 +242,14 @@ def test_calibrated_video(studio):
     some = read_calibrated_video(calibration, cameras=["Cam002"], frames=[7, 3])
     assert some.cameras.names == ("Cam002",)
     assert [number_in(some.read_rgb(0, i)) for i in (0, 1)] == [3, 7]
+    assert some.fps == 7.5
+    assert "stand 4 apart" in some.warnings[0]
     with pytest.raises(BadInput, match="no masks"):
         r.read_mask(0, 0)
     with pytest.raises(BadInput, match="frames 0 to 29"):
         read_calibrated_video(calibration, frames=[30])
+    with pytest.raises(BadInput, match="frame 5 follows frame 3, where others stand 1 apart"):
+        read_calibrated_video(calibration, frames=[2, 3, 5, 6, 7])
     with pytest.raises(BadInput, match="no camera 'Cam009'"):
         read_calibrated_video(calibration, cameras=["Cam009"])
 

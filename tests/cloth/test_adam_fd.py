@@ -1,12 +1,18 @@
 """Algorithm 1 beside a slow, obvious Adam; its behaviour at the top of a range, at failures, and on a swinging panel."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tasks.cloth.adam_fd import DIFFERENCES, FRAMES, HIGH, LOW, Descent, Score, as_algorithm_1, descend, minimise
+from tasks.cloth import stage
+from tasks.cloth.adam_fd import DIFFERENCES, FRAMES, HIGH, LOW, Descent, Score, as_algorithm_1, at_ends, descend, minimise
+from tasks.cloth.estimates import estimates
+from tasks.cloth.scene import replay
+from tasks.cloth.stage import FitParameters, Work
 from tasks.simulator import Fabric
+from tasks.stage import Job
 from tests.cloth.test_gauss_newton import observed, panel
 
 TRUTH = np.array([410.0, 2.0, 5.0])
@@ -132,3 +138,38 @@ def test_a_panel_comes_nearer_to_what_was_observed():
     assert found.best_loss < found.history[0]["loss"]
     resumed = descend(scene, Fabric(), heard[2], iterations=6)
     np.testing.assert_allclose(resumed.θ, found.θ, rtol=1e-6)
+
+
+def test_an_end_of_a_range_is_no_estimate():
+    inside, low, high = Descent.at(START), Descent.at([320.0, 0.1, 1.0]), Descent.at([640.0, 1.0, 8.0])
+    assert at_ends(inside) == {}  # nor is the density's, along which nothing is estimated
+    assert list(at_ends(low)) == ["log_membrane"] and "lower end of Algorithm 1's range, 0.1 to 8" in at_ends(low)["log_membrane"]
+    assert list(at_ends(high)) == ["log_bending"] and "upper end" in at_ends(high)["log_bending"]
+
+
+def test_every_retry_is_told_with_the_iteration_that_needed_it():
+    """Of the point, of its neighbours, and of points that the search turned back from."""
+    first = minimise(bowl, Descent.at(START), iterations=1)
+
+    def slow(θ):
+        failed = Score(np.inf, ending="Newton stopped", reasons=("far",))
+        return failed if θ[0] > START[0] + 8.0 else replace(bowl(θ), reasons=("slow",))
+
+    found = minimise(slow, first, iterations=2)
+    assert {*found.reasons} == {"iteration 2: far", "iteration 2: slow"} and first.reasons == ()
+    assert found.reasons.count("iteration 2: slow") >= 4
+
+
+def test_the_fit_by_differences_tells_its_retries_and_the_ends_of_its_ranges(tmp_path, monkeypatch):
+    """κ_b best at 8, of which the recording seemed to know; one retry in the search, one in the last replay."""
+    scene = observed(as_algorithm_1(panel(4, frames=8)), 0, truth=Fabric(320, 3.0, 100.0))
+    best = np.array([320.0, 3.0, 8.0])
+    searched = replace(Descent.at(best), history=({"loss": 1.0, "rms_mm": 1.0},), ending="stopped", reasons=("iteration 1: slow",))
+    monkeypatch.setattr(stage, "descend", lambda *arguments, **named: searched)
+    monkeypatch.setattr(stage, "replay", lambda *arguments, **named: replace(replay(*arguments, **named), reasons=("attempt 1",)))
+    monkeypatch.setattr(stage, "knowledge", lambda *arguments, **named: {})
+    job = Job("anna", "walk", None, tmp_path, lambda share, text: None, lambda text: None)
+    _, found, _ = stage._by_differences(job, Work("panel", scene, Fabric()), FitParameters(method="adam-fd"), map)
+    assert found.reasons == ("iteration 1: slow", "attempt 1")
+    said = estimates(scene, found)["kappa_b_over_rho"]
+    assert said["value"] is said["high"] is None and "upper end of Algorithm 1's range" in said["sentence"]

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.cloth.base_parameters import PARAMETERS
+from tasks.cloth.base_parameters import BOUNDS, PARAMETERS
 from tasks.cloth.bending_profile import ASIDE, FURTHEST, bracketed
-from tasks.cloth.gauss_newton import BOUNDS
 from tasks.cloth.windows import Normals
 from tasks.simulator import Fabric
 

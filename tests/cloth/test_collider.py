@@ -1,37 +1,11 @@
-"""The body as collider: light, whatever patch of its skin lies near the garment."""
+"""A collider gives way to the garment where it was seen too deep inside, and nowhere else."""
 
 import numpy as np
-import pytest
 
-from tasks.cloth.collider import DEVIATIONS, FACES, FURTHER, REACH, deepest_poke, fitted_collider
-from tasks.geometry.distances import closest_points
+from tasks.cloth.collider import DEEPEST, DEVIATIONS, FURTHER, deepest_poke, fitted_collider
 from tests.simulator.scenes import sheet, sphere
 
 NOBODY = np.zeros(0, np.int32)
-
-
-def _worn(pinched: bool):
-    """A patch held 5 mm above a ball of 20,480 triangles; where `pinched`, two triangles of skin are gone that have one corner in common and no side."""
-    ball, faces = sphere(5, 0.2)
-    x, own = sheet(5, 5, length=0.1, width=0.1)
-    garment = np.column_stack([x[:, [0, 2]] - 0.05, np.full(len(x), 0.205)])
-    if pinched:
-        corner = np.argmin(np.linalg.norm(ball - [0.0, 0.0, 0.2], axis=1))
-        ring = np.flatnonzero((faces == corner).any(1))
-        first = ring[0]
-        apart = [f for f in ring if len(np.intersect1d(faces[f], faces[first])) == 1]
-        faces = np.delete(faces, [first, apart[0]], axis=0)
-    return np.stack([ball, ball]), faces.astype(np.int32), np.stack([garment, garment]), own
-
-
-@pytest.mark.parametrize("pinched", [False, True])
-def test_a_fine_body_becomes_a_light_collider(pinched):
-    body, faces, garment, own = _worn(pinched)
-    fitted = fitted_collider(body, faces, garment, own, fastened=NOBODY, noise=1e-3)
-    assert 0.9 * FACES < len(fitted.faces) <= FACES
-    assert closest_points(fitted.motion[0], body[0], faces).distance.max() < 1e-3
-    near = np.linalg.norm(body[0] - garment[0].mean(0), axis=1) < REACH / 2
-    assert closest_points(body[0][near], fitted.motion[0], fitted.faces).distance.max() < 2e-3
 
 
 def _sunk(depths):
@@ -73,3 +47,24 @@ def test_the_least_is_drawn_in_that_frees_a_sample():
     fitted = fitted_collider(plane[None], faces.astype(np.int32), cloth[None], own, fastened=NOBODY, noise=1e-3)
     np.testing.assert_array_equal(np.flatnonzero(fitted.drawn_in[0]), np.sort(face))
     np.testing.assert_allclose(fitted.drawn_in[0, face], FURTHER * 0.007 * b / np.sum(b**2), rtol=2e-3)
+
+
+def test_where_the_garment_was_not_seen_nothing_gives_way():
+    """The deepest frame, of which half the vertices are unknown; and one of which all are."""
+    body, garment, _ = _sunk([0.0, 0.013, 0.013])
+    half = garment.copy()
+    half[1, garment[1, :, 0] > 0] = half[2] = np.nan
+    ball, faces = sphere(3, 0.1)
+    own = sheet(5, 5, length=0.05, width=0.05)[1]
+    fitted = fitted_collider(body, faces.astype(np.int32), half, own, fastened=NOBODY, noise=1e-3)
+    deep = np.flatnonzero(fitted.drawn_in[1])
+    assert len(deep) and (ball[deep, 0] < 0.02).all()
+    np.testing.assert_allclose(fitted.drawn_in[2], fitted.drawn_in[1] / 2)
+    assert deepest_poke(body, faces, half) == deepest_poke(body[1:2], faces, garment[1:2, garment[1, :, 0] <= 0]) > 0.012
+
+
+def test_all_of_it_stays_however_deep_the_garment_was_seen():
+    """41 mm inside: it gives way by `DEEPEST`, and no face is left out."""
+    body, _, fitted = _sunk([0.041, 0.041])
+    assert len(fitted.faces) == len(sphere(3, 0.1)[1]) and fitted.motion.shape == body.shape
+    assert fitted.drawn_in.max() == DEEPEST

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.cloth.driven_motion import _poses, quieted
+from tasks.cloth.driven_motion import WornRest, _poses, quieted
 from tasks.geometry.rotations import matrix_from_axis_angle
 
 
@@ -82,3 +82,27 @@ def test_without_noise_nothing_is_done():
     assert rms_mm(quieted(truth, 1e-7) - truth) < 1e-3
     few = truth[:, :3]
     np.testing.assert_array_equal(quieted(few, 1e-3), few)
+
+
+def lengths(x: np.ndarray) -> np.ndarray:
+    """Of the chords from node to node [..., B]."""
+    return np.linalg.norm(np.diff(x, axis=-2), axis=-1)
+
+
+def test_a_border_that_begins_at_rest_is_not_strained_for_its_noise_however_it_turns():
+    """By 40 degrees: left as it lay in the first frame, the noise strains the ring by 2 % root mean square, quieted alone by 3."""
+    x = ring() + np.random.default_rng(0).normal(scale=1e-3, size=ring().shape)
+    quiet = quieted(x, 1e-3, x[0])
+    kept = WornRest(x[0], quiet[0]).kept(quiet)
+    strain = [float(np.sqrt(np.mean((lengths(y) / lengths(x[0]) - 1) ** 2))) for y in (quiet, quiet + (x[0] - quiet[0]), kept)]
+    assert strain[0] > 0.03 and strain[1] > 0.015 and strain[2] < 1e-3
+    np.testing.assert_allclose(kept[0], x[0], atol=1e-12)
+
+
+def test_the_noise_of_a_straight_border_is_not_turned_about_it():
+    """Nothing but noise says how a straight border is turned about itself."""
+    straight = np.linspace(0, 0.2, 9)[None, :, None] * [1.0, 0, 0] + 0.1 * np.sin(np.arange(24))[:, None, None] * [0, 0, 1.0]
+    x = straight + np.random.default_rng(0).normal(scale=1e-3, size=straight.shape)
+    quiet = quieted(x, 1e-3)
+    kept = WornRest(x[0], quiet[0]).kept(quiet)
+    np.testing.assert_allclose(kept - quiet, np.broadcast_to(x[0] - quiet[0], x.shape), atol=2e-4)

@@ -1,4 +1,4 @@
-"""What no fit can be run with is refused where it is given, by name."""
+"""What no fit can be run with is refused where it is given, by name; what is not given follows from the frame rate."""
 
 import pytest
 from pydantic import ValidationError
@@ -26,3 +26,18 @@ def test_it_is_refused_by_name(given):
 def test_the_least_that_can_be_asked_for_is_not():
     FitParameters(friction=0.0, frames=2, iterations=1, substeps=1, attempts=1)
     FitParameters(iterations=None)
+
+
+@pytest.mark.parametrize("method", ["gauss-newton", "whole-replay", "adam-fd"])
+def test_at_25_frames_per_second_24_are_compared_in_four_steps_each(method):
+    parameters = FitParameters(method=method)
+    assert (parameters.compared(25.0), parameters.settings(25.0).substeps) == (24, 4)
+
+
+def test_at_other_rates_the_time_stays_the_same_and_what_is_given_wins():
+    """Algorithm 1 counts its frames whatever they last."""
+    assert (FitParameters().compared(120.0), FitParameters().settings(120.0).substeps) == (115, 1)
+    assert (FitParameters().compared(10.0), FitParameters().settings(10.0).substeps) == (10, 10)
+    given = FitParameters(frames=24, substeps=4)
+    assert (given.compared(120.0), given.settings(10.0).substeps) == (24, 4)
+    assert FitParameters(method="adam-fd").compared(120.0) == 24

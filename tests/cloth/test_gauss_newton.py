@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.cloth import gauss_newton, perseverance
+from tasks.cloth.base_refit import STUCK
 from tasks.cloth.estimates import bending_length, estimates
 from tasks.cloth.gauss_newton import Normal, Progress, WholeReplay, fit, horizons, loss, normal_equations, turning, within
 from tasks.cloth.scene import FORGETFUL, Replay, Scene, replay
@@ -176,6 +177,14 @@ def test_the_loss_is_hubers_and_outliers_that_get_worse_count(still, monkeypatch
     monkeypatch.setattr(gauss_newton, "replay", lambda *arguments, **named: after)
     stayed, _ = gauss_newton._iterate(still, Progress(TRUTH), before, 1, FORGETFUL)
     assert stayed.fabric == TRUTH and "no shorter step" in stayed.ending
+
+
+def test_steps_that_cannot_be_simulated_are_no_convergence(still, monkeypatch):
+    at = seen_from(still, np.ones(100))
+    fails = replace(at, ending="Newton stopped after 100 iterations")
+    monkeypatch.setattr(gauss_newton, "replay", lambda *arguments, **named: fails)
+    stayed, _ = gauss_newton._iterate(still, Progress(TRUTH), at, 3, FORGETFUL)
+    assert stayed.ending.startswith(STUCK) and "Newton stopped after 100 iterations" in stayed.ending
 
 
 def test_normal_equations_hold_its_gradient(still):

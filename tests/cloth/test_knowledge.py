@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tasks.cloth.base_parameters import BOUNDS, moved
 from tasks.cloth.estimates import at_bound, estimates
-from tasks.cloth.gauss_newton import BOUNDS, Normal, Progress, WholeReplay, fit, moved
+from tasks.cloth.gauss_newton import Normal, Progress, WholeReplay, fit
 from tasks.cloth.knowledge import bootstrap, choices, gauge, intervals, knowledge, profile
 from tasks.cloth.stage import FitParameters, Work, _by_tangents, _by_whole_replay
 from tasks.cloth.windowed_fit import Windowed
@@ -49,6 +50,12 @@ def test_the_bootstrap_spreads_as_the_sandwich_does():
     assert wide["low"] < 1 / 320 < wide["high"]
 
 
+def test_of_a_single_block_nothing_is_drawn(found):
+    scene, result = found
+    one = replace(result, normal=Normal(result.normal.g.sum(0)[None], result.normal.A.sum(0)[None]))
+    assert set(knowledge(scene, one)) == {"gauge", "half_step"}
+
+
 def test_an_end_that_a_linear_step_cannot_tell_is_none():
     """By hand: a factor of 2 is told, one of 100 is not, nor is one that no float holds."""
     steps = np.log(np.array([[2.0, 0.5], [2.0, 100.0]]))
@@ -85,7 +92,7 @@ def test_plain_units_and_ratios_are_the_same_fabric(found):
 
 def test_a_parameter_at_its_bound_and_one_without_data_are_said_to_be(found):
     scene, result = found
-    stiff = moved(result.fabric, np.array([99.0, 0.0]))
+    stiff, _ = moved(result.fabric, np.array([99.0, 0.0]))
     assert stiff.membrane == pytest.approx(np.exp(BOUNDS["log_membrane"][1]))
     assert "upper bound" in at_bound(stiff, "log_membrane")
     assert at_bound(result.fabric, "log_membrane") == ""
@@ -119,7 +126,7 @@ def test_a_boundary_that_is_the_same_changes_nothing(tmp_path, fitted, method):
 def test_a_boundary_that_is_another_changes_what_it_changes(found, objective):
     """Nothing where nothing is changed, though the fit stopped before its optimum; a swing wider by 1 in 500 what it alone asks for."""
     scene, result = found
-    early = replace(result, fabric=moved(result.fabric, np.array([0.3, -0.2])))
+    early = replace(result, fabric=moved(result.fabric, np.array([0.3, -0.2]))[0])
     left = objective.normal(scene, early.fabric).step
     wider = scene.boundary_motion[:1] + 1.002 * (scene.boundary_motion - scene.boundary_motion[:1])
     asked = objective.normal(replace(scene, boundary_motion=wider), early.fabric).step - left

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.cloth import nearest_fabric as own
-from tasks.cloth.base_parameters import BOUNDS, with_fabric
-from tasks.cloth.gauss_newton import logarithms
+from tasks.cloth.base_parameters import BOUNDS, logarithms, with_fabric
 from tasks.cloth.nearest_fabric import FACTORS, about, nearest_fabric, searched
 from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import states

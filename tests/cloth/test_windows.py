@@ -81,6 +81,19 @@ def test_windows_cover_every_recording_once(panel):
         assert all(a.start + a.length == b.start for a, b in itertools.pairwise(own))
 
 
+def test_a_window_in_which_hardly_anything_was_seen_is_left_out(panel):
+    """Frames 6 to 19 of 24 show nothing, or the driven nodes alone; two more vertices in one of them are enough."""
+    model, recording, *_ = panel
+    driven = model.subject.cloth.boundary
+    lost, held = recording.observed.copy(), recording.observed.copy()
+    lost[6:20] = np.nan
+    held[6:20, np.setdiff1d(np.arange(49), driven)] = np.nan
+    glimpse = held.copy()
+    glimpse[14, 40:42] = 0.0
+    for seen, starts in ((lost, [0, 19]), (held, [0, 19]), (glimpse, [0, 10, 19])):
+        assert [w.start for w in windows([replace(recording, observed=seen)], FPS)] == starts
+
+
 def test_states_are_nearer_the_truth_than_what_was_observed(panel):
     model, recording, x, v = panel
     found = states(model, recording.motion, recording.observed, 1e-3)

@@ -1,5 +1,7 @@
 """A garment of the pipeline as a scene: driven nodes without the first frame's noise where a pattern is the rest shape."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,14 @@ def test_a_first_frame_that_is_the_rest_shape_keeps_its_noise(tracked):
     scene = worn_scene(garment, body, body_faces, flat, fps=25.0, rest="worn")
     np.testing.assert_allclose(scene.x0, garment.observed[0], atol=1e-12)
     np.testing.assert_array_equal(scene.x0[scene.cloth.boundary], scene.boundary_motion[0])
+
+
+def test_what_is_said_of_the_noise_where_nothing_was_seen_does_not_count(tracked):
+    """Two thirds are hidden, and said to be a metre off."""
+    _, garment, body, body_faces, flat = tracked
+    seen = np.zeros_like(garment.seen)
+    seen[:, ::3] = True
+    hidden = replace(garment, seen=seen, noise_m=np.where(seen, NOISE, 1.0))
+    scene, bare = (worn_scene(g, body, body_faces, flat, fps=25.0) for g in (hidden, garment))
+    np.testing.assert_allclose(scene.noise_m, NOISE)
+    np.testing.assert_array_equal(scene.boundary_motion, bare.boundary_motion)

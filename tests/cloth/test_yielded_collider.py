@@ -111,5 +111,5 @@ def test_a_fabric_is_fitted_before_the_body_as_it_gave_way(monkeypatch):
 
     monkeypatch.setattr(windowed_fit, "with_yielded_collider", gave_way)
     monkeypatch.setattr(windowed_fit, "states", walked)
-    windowed_fit._jobs(replace(scene, settings=replace(scene.settings, yield_collider=True)), TRUTH)
+    windowed_fit._cut(replace(scene, settings=replace(scene.settings, yield_collider=True)), TRUTH)
     np.testing.assert_array_equal(met, [scene.collider_motion + 0.01])

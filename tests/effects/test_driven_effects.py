@@ -10,7 +10,7 @@ from tasks.effects.effect import MeshDoubt, Motion
 from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.simulator import Cloth, Collider, Settings
-from tests.effects.scenes import FPS, TIGHT, hanging, seen, struck, subject, walk
+from tests.effects.scenes import FPS, TIGHT, hanging, seen, signature, struck, subject, walk
 from tests.simulator.scenes import plane, sheet
 
 LIBRARY = library()
@@ -145,6 +145,19 @@ def test_slip_of_a_turning_band():
     np.testing.assert_allclose(turns(given), ψ, atol=1e-12)
     found = LIBRARY["boundary_slip"].motion(s, Motion(np.zeros((T, 0, 3)), given), [u, q])
     np.testing.assert_allclose(found.boundary, band((1 - q) * ψ, u * TIMES), atol=1e-12)
+
+
+def test_no_more_friction_is_taken_away_than_there_is():
+    """Where there is none left, the tangent is that towards more: a fit finds its way back."""
+    effect, scene = LIBRARY["contact_friction"], struck()
+    assert effect.fabric(scene[0].fabric, [-0.3]).friction == 0
+    frames, model = walk(scene, (effect,), {effect.name: np.array([-0.3])}, columns=True)
+    e = 2e-4
+    none, one, two = (seen(scene, effect, np.array([θ])) for θ in (-0.2, -0.2 + e, -0.2 + 2 * e))
+    assert np.array_equal(frames[-1].x, none[-1])
+    forward = (4 * one - two - 3 * none) / (2 * e)
+    difference = np.linalg.norm(signature(frames, model, effect)[effect.name] - forward)
+    assert difference < 1e-3 * np.linalg.norm(forward), difference / np.linalg.norm(forward)
 
 
 def test_friction_among_cloth_stays():

@@ -72,6 +72,14 @@ def test_there_and_back_is_the_same_fabric():
     assert replace(back.fabric, bending=0.0) == replace(given.fabric, bending=0.0)
 
 
+@pytest.mark.parametrize("way", ["numerics_mesh", "numerics_triangulation"])
+def test_a_ribbon_without_inner_vertices_keeps_its_constant(way):
+    cloth = Cloth(*sheet(9, 2, length=0.4, width=0.03), np.arange(2))
+    given = Subject(cloth, Fabric(bending=3.0), NO_COLLIDER, np.full(len(cloth.x_rest), "free", "<U7"), 25.0)
+    other = library()[way].subject(given, [1.0])
+    assert other.fabric == given.fabric and not np.array_equal(other.cloth.faces, cloth.faces)
+
+
 def test_closed_cloth_is_held_somewhere():
     subjects = [Subject(Cloth(*sphere(k, 0.2)), Fabric(), NO_COLLIDER, np.full(1, "free"), 25.0) for k in (2, 3)]
     there = retriangulated(subjects[0], subjects[1].cloth)

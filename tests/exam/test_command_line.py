@@ -34,6 +34,25 @@ def test_an_exam_of_nothing_or_by_nobody_is_refused(tmp_path, monkeypatch, capsy
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_holds_the_cases_of_one_seed(tmp_path, monkeypatch, capsys):
+    """What is there is not made again: it would be told as a case of the other seed."""
+    made = []
+    monkeypatch.setattr(exam, "generate", lambda folder, wanted: made.extend(wanted) or iter([]))
+    out = str(tmp_path / "exam")
+
+    def generate(seed):
+        return run("generate", "--cases", "1", "--seed", seed, "--out", out), " ".join(capsys.readouterr().err.split())
+
+    assert [generate("1")[0], generate("1")[0]] == [0, 0] and len(made) == 2
+    ended, said = generate("2")
+    assert ended == 2 and len(made) == 2
+    assert "--seed 2" in said and "holds the cases of seed 1. Give another folder, or ask for --seed 1" in said
+    (tmp_path / "exam/seed").unlink()
+    (tmp_path / "exam/cases").mkdir()
+    ended, said = generate("1")  # as a folder from before seeds were noted
+    assert ended == 2 and "write that seed into" in said
+
+
 def test_workers_have_no_hours(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(exam, "sit", lambda *_, **__: pytest.fail("it was sat"))

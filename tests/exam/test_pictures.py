@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows import exam_pictures
-from flows.exam import Folder, version
+from flows import exam, exam_pictures
+from flows.exam import version
+from flows.exam_folder import Folder
 from flows.exam_pictures import FAULTS, diagnose, make, mark, questions, sit
 from flows.exam_scoreboard import PICTURES
 from tasks.capture.demo.recording import STANDARD
@@ -31,11 +32,9 @@ def answered(tmp_path, monkeypatch):
     monkeypatch.setattr(exam_pictures, "make_demo_recording", lambda *where, **asked: None)
 
     def answer(folder, q) -> None:
-        out = folder.answer(q.number)
-        out.mkdir(parents=True, exist_ok=True)
         told = {"artifacts": None, "answer": answering(["body_offset", "contact_thickness"])}
-        (out / "answer.json").write_text(json.dumps(told))
-        (out / "size.json").write_text(json.dumps(SIZE))
+        folder.keep_answer(q.number, None, told, by=exam.version(), beside={}, errors="")
+        (folder.answer(q.number) / "size.json").write_text(json.dumps(SIZE))
 
     monkeypatch.setattr(exam_pictures, "diagnose", answer)
     return Folder(tmp_path / "exam")
@@ -116,6 +115,43 @@ def test_no_case_is_begun_after_its_hours(answered, tmp_path) -> None:
     assert sit(answered, 2, 0, "sealed", hours=1, scoreboard=board)["cases"] == 2
     sit(answered, 4, 0, "sealed", scoreboard=board)
     assert [[row["number"] for row in json.loads(line)["cases"]] for line in board.read_text().splitlines()] == [[0, 1], [2, 3]]
+
+
+def test_what_is_done_is_entered_however_a_sitting_ends(answered, tmp_path, monkeypatch) -> None:
+    """A case that fails keeps no other off; who interrupts loses nothing."""
+    board, said, works = tmp_path / "board.jsonl", [], exam_pictures.diagnose
+
+    def fails(number, error) -> None:
+        def diagnose(folder, q) -> None:
+            if q.number == number:
+                raise error
+            works(folder, q)
+
+        monkeypatch.setattr(exam_pictures, "diagnose", diagnose)
+
+    fails(0, RuntimeError("it was killed"))
+    with pytest.raises(RuntimeError, match=r"left for another time: 0$"):
+        sit(answered, 2, 0, "sealed", scoreboard=board, say=said.append)
+    assert any(line.startswith("case-0000: ") and "it was killed" in line for line in said)
+    fails(3, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        sit(answered, 4, 0, "sealed", scoreboard=board)
+    assert [[row["number"] for row in json.loads(line)["cases"]] for line in board.read_text().splitlines()] == [[1], [0, 2]]
+
+
+def test_an_open_exam_asks_again_what_other_code_has_answered(answered, monkeypatch) -> None:
+    answers, works = [], exam_pictures.diagnose
+
+    def counted(folder, q) -> None:
+        if not folder.answered(q.number):
+            answers.append(works(folder, q))
+
+    monkeypatch.setattr(exam_pictures, "diagnose", counted)
+    for of in ("a" * 64, "a" * 64, "b" * 64):
+        for module in (exam, exam_pictures):
+            monkeypatch.setattr(module, "version", lambda of=of: of)
+        assert sit(answered, 2, 0, "open")["version"] == of
+    assert len(answers) == 4
 
 
 @pytest.mark.slow

@@ -34,12 +34,20 @@ def test_whatever_may_stand_for_a_withheld_effect_is_withheld_too():
             assert all(admissible(name) <= set(q.withheld) for name in q.causes)
 
 
-def test_being_without_effects_tells_nothing_about_the_cause():
-    cases = [q for seed in range(3) for q in questions(160, seed) if q.stratum != "outside"]
+def test_being_without_effects_tells_no_stratum_but_makes_outside_three_times_as_likely():
+    """Half of what is outside must do without something, a fifth of all others: P(outside | without) = 0.31, P(outside | with all) = 0.10."""
+    every = [q for seed in range(10) for q in questions(160, seed)]
+    cases = [q for q in every if q.stratum != "outside"]
     decoys = [q for q in cases if q.withheld]
-    assert 0.1 < len(decoys) / len(cases) < 0.3
+    assert 0.15 < len(decoys) / len(cases) < 0.25
     assert {q.stratum for q in decoys} == {q.stratum for q in cases}
     assert not any(admissible(name) & set(q.withheld) for q in decoys for name in q.causes)
+
+    def outside(without):
+        asked = [q.stratum == "outside" for q in every if bool(q.withheld) is without]
+        return sum(asked) / len(asked)
+
+    assert outside(True) == pytest.approx(0.31, abs=0.03) and outside(False) == pytest.approx(0.10, abs=0.01)
 
 
 def test_the_same_seed_asks_the_same_and_another_something_else():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows import exam_rival, gap
+from flows import blind_prediction, exam_rival
 from tasks.effects.library import library
 from tasks.exam.rivals import finite_differences, residual_force, sparse_regression
 from tasks.exam.rivals.answer import answer, answer_set, probabilities
@@ -226,7 +226,7 @@ def test_what_rivals_share_is_computed_once_and_counted_for_each(files, monkeypa
     shared = cached_property(refit)
     shared.__set_name__(Case, "refitted")
     monkeypatch.setattr(Case, "refitted", shared)
-    monkeypatch.setattr(gap, "predicted", lambda model, recording: simulated.append(model) or recording.observed)
+    monkeypatch.setattr(blind_prediction, "predicted", lambda model, recording: simulated.append(model) or recording.observed)
     monkeypatch.setattr(exam_rival, "Pool", Serial)
     known(monkeypatch, one=base, two=base)
     told = answered(folder, ["one", "two"])

@@ -104,12 +104,14 @@ def test_a_pair_needs_both_names():
     assert (row["found"], row["right"], row["credit"]) == (2, True, 1.0)
     row = score(both, answer("effect", [[DRAG]], [([DRAG], 0.6), (["none"], 0.4)]))
     assert (row["found"], row["right"], row["credit"]) == (1, False, 0.5)
+    row = score(both, answer("effect", [[DRAG, LINEAR], [HEM], ["body_lag"]], [([DRAG, HEM], 0.6), (["none"], 0.4)]))
+    assert (row["found"], row["right"], row["credit"]) == (2, False, 0.5)
 
 
 def test_names_in_any_class_of_the_verdict_count_against_a_single_cause():
     """Otherwise a wrong name would be free as soon as it stood in a class of its own."""
     split = score(truth({DRAG: 10.0}), answer("effect", [[DRAG], [HEM]], [([DRAG, HEM], 0.8), (["none"], 0.2)]))
-    assert split["credit"] == split["top1"] == 1 / 2
+    assert split["credit"] == split["top1"] == 1 / 2 and not split["right"]
     assert split["probability_of_truth"] == pytest.approx(0.4)
     many = [[DRAG], [HEM], ["body_lag"], ["air_lift"], ["air_wind"]]
     assert score(truth({DRAG: 10.0}), answer("effect", many, [([DRAG], 0.8)]))["credit"] == 0
@@ -192,7 +194,10 @@ def test_closed_fraction_counts_seen_free_vertices_of_frames_that_were_hidden():
     elsewhere = closing({"before": before + up, "after": after + up}, held_out | {"vertices": x + up}, 0.01)
     assert elsewhere == pytest.approx(row)
     assert closing({"before": after, "after": before}, held_out, 0.001)["worse"]
-    assert "worse" not in closing({"before": after, "after": after}, held_out, 0.001)  # nothing was carried over
+    nothing = {"before": after, "after": after}  # was carried over, though another's gap is to be closed
+    assert "worse" not in closing(nothing, held_out, 0.001) and "worse" not in closing(nothing, held_out, 0.001, before_mm=5.0)
+    assert closing({"before": before, "after": after}, held_out, 0.001, before_mm=5.0)["worse"]
+    assert not closing({"before": before, "after": after}, held_out, 0.001, before_mm=10.0)["worse"]
 
 
 def test_wilson_against_the_textbook():
@@ -336,15 +341,19 @@ def test_the_listing_says_of_every_case_what_was_planted_and_what_was_answered()
 def test_rivals_stand_beside_the_diagnosis_on_their_own_cases():
     ours = [score(truth({DRAG: 10.0}), answer("effect", [[DRAG]], [([DRAG], 0.9), (["none"], 0.1)])), score(truth({DRAG: 1.0}), None)]
     theirs = score(truth({DRAG: 10.0}), answer("effect", [[HEM]], [([HEM], 1.0), (["none"], 0.0)]))
-    slow = {"cases": 1, "figures": summary([theirs]), "ours": summary(ours[:1]), "rows": [theirs]}
-    result = OWN | {"cases": 2, "figures": summary(ours), "rows": [row | {"seed": 0} for row in ours]}
-    result["rivals"] = {"quick": {"cases": 2, "figures": summary(ours), "ours": summary(ours), "rows": ours}, "slow": slow}
+    seeded = [row | {"seed": seed} for seed, row in enumerate(ours)]  # both are of number 3
+    slow = {"cases": 1, "figures": summary([theirs]), "ours": summary(ours[:1]), "rows": [theirs | {"seed": 0}]}
+    late = slow | {"ours": summary(ours[1:]), "rows": [theirs | {"seed": 1}]}  # as many cases, another one
+    result = OWN | {"cases": 2, "figures": summary(ours), "rows": seeded}
+    result["rivals"] = {"quick": {"cases": 2, "figures": summary(ours), "ours": summary(ours), "rows": seeded}, "slow": slow, "late": late}
+    result["rivals"]["patient"] = slow
     beside = columns(result)
-    assert list(beside) == ["diagnosis (2)", "quick (2)", "diagnosis (1)", "slow (1)"]
+    own = ["diagnosis (2)", "diagnosis, the cases of slow (1)", "diagnosis, the cases of late (1)"]
+    assert list(beside) == [own[0], "quick (2)", own[1], "slow (1)", own[2], "late (1)", "patient (1)"]
     metric = "top-1, single effects from 2x the floor"
-    assert [values[metric] for values in beside.values()] == [0.5, 0.5, 1.0, 0.0]
+    assert [values[metric] for values in beside.values()] == [0.5, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0]
     text = page(result)
-    assert "slow (1)" in text and text.count("class='m'") == 3
+    assert "slow (1)" in text and text.count("class='m'") == 5
 
 
 def test_eight_who_answered_can_be_read_in_eighty_columns(monkeypatch, capsys):

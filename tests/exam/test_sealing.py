@@ -13,14 +13,12 @@ import pytest
 
 from flows import exam, exam_scoreboard
 from flows.exam_candidate import closed
+from flows.exam_folder import OPEN_FILES, Folder, seal
 from flows.exam_process import run_apart
-from tasks.exam.generator.recording import Made
-from tasks.exam.generator.strata import Question
 from tasks.exam.rivals.rival import Rival
+from tests.exam.conftest import QUESTION
 
 ROOT = Path(__file__).parents[2]
-QUESTION = Question(7, "single", {"air_lift": 4.0}, ("air_lift", "air_wind"), "", "curtain", ("sway", "turn", "ball"), (0, 7))
-
 ANSWER = {
     "version": 1,
     "verdict": {"kind": "none", "effects": [], "class": [], "probability": 1.0},
@@ -31,25 +29,8 @@ ANSWER = {
 }
 
 
-@pytest.fixture
-def folder(tmp_path):
-    x = np.zeros((3, 2, 3))
-    arrays = {"vertices": x, "observed": np.ones((3, 2), bool), "boundary": np.zeros(0, np.int32)}
-    truth = {
-        "question": {"number": 7, "stratum": "outside", "twist": "", "withheld": ["air_lift", "air_wind"]},
-        "causes": {"air_lift": {"strength": 5.0, "unit": "m2/kg"}},
-        "admissible": {"air_lift": ["air_lift"]},
-        "multiple": 4.0,
-        "floor_mm": 1.0,
-        "local": False,
-    }
-    made = exam.Folder(tmp_path)
-    made.write(QUESTION, Made((arrays, arrays), arrays, arrays, truth))
-    return made
-
-
 def test_the_published_seal_is_that_of_the_truth(folder):
-    assert (folder.case(7) / "truth.sha256").read_text().strip() == exam.seal(folder.sealed(7))
+    assert (folder.case(7) / "truth.sha256").read_text().strip() == seal(folder.sealed(7))
     assert folder.truth(7)["causes"] == {"air_lift": {"strength": 5.0, "unit": "m2/kg"}}
 
 
@@ -63,7 +44,7 @@ def test_a_truth_that_was_touched_is_refused(folder, file):
 
 def test_what_the_diagnosis_gets_holds_no_truth(folder):
     for file in folder.case(7).iterdir():
-        assert file.name in {*exam.OPEN_FILES, "truth.sha256", "withheld"}
+        assert file.name in {*OPEN_FILES, "truth.sha256", "withheld"}
 
 
 def test_an_examined_process_opens_neither_truth_nor_exam(folder):
@@ -84,6 +65,39 @@ def test_an_examined_process_opens_neither_truth_nor_exam(folder):
 def test_the_hook_looks_at_bytes_too():
     with pytest.raises(PermissionError):
         closed("open", (b"/somewhere/sealed.truth/x", "r", 0))
+
+
+TRYING = """
+import sys, types
+
+def opening(path):
+    try:
+        return open(path).read()
+    except PermissionError:
+        return "refused"
+
+def main():
+    from sitecustomize import opening
+    from tasks.child_process import Pool
+    with Pool(limit_s=60, at_once=1) as pool:
+        print("here", opening({path!r}), "child", *pool.map(opening, [{path!r}]))
+
+sys.modules["flows.gap"], sys.modules["flows.cli"] = types.ModuleType("flows.gap"), types.SimpleNamespace(main=main)
+"""
+
+
+def test_whatever_the_command_line_does_is_under_the_hook_and_so_are_its_processes(folder, tmp_path):
+    truth = folder.sealed(7) / "truth.json"
+    (tmp_path / "sitecustomize.py").write_text(TRYING.format(path=str(truth)))
+    ended = subprocess.run(
+        [sys.executable, "-m", "flows.exam_candidate", "gap", "run"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": f"{tmp_path}:{ROOT}", "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.stdout == "here refused child refused\n", ended.stdout + ended.stderr
 
 
 def test_the_command_line_works_under_the_hook(tmp_path):
@@ -128,7 +142,7 @@ def test_code_that_cannot_be_imported_has_not_answered(folder, monkeypatch, tmp_
     assert not any(folder.answered(7, candidate) for candidate in (None, "chance"))
 
 
-@pytest.mark.parametrize(("does", "how"), [("kill $$", "ended from outside"), ("exit 4", "cancelled")])
+@pytest.mark.parametrize(("does", "how"), [("kill $$", "ended from outside"), ("kill -9 $$", "was killed"), ("exit 4", "cancelled")])
 def test_a_process_that_somebody_ended_has_not_answered(folder, monkeypatch, does, how):
     monkeypatch.setattr(exam, "run_apart", lambda _, place: run_apart(["bash", "-c", does], place))
     with pytest.raises(RuntimeError, match=how):
@@ -141,7 +155,7 @@ def test_withheld_effects_are_left_out_and_answers_are_kept(folder, monkeypatch)
 
     def run(command, place):
         calls.append(command)
-        assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
+        assert sorted(p.name for p in place.iterdir()) == sorted(OPEN_FILES)
         for name in (command[command.index("--report") + 1], "report.json"):
             (place / name).write_text(name)
         return "{}", "", 0
@@ -151,7 +165,8 @@ def test_withheld_effects_are_left_out_and_answers_are_kept(folder, monkeypatch)
     exam.diagnose(folder, 7)
     assert len(calls) == 1
     kept = {file.name: file.read_text() for file in folder.answer(7).iterdir() if file.name != "answer.json"}
-    assert kept == {"report.html": "report.html", "report.json": "report.json", "stderr.txt": ""}  # what an answer rests on stays
+    rests_on = {"report.html": "report.html", "report.json": "report.json", "stderr.txt": ""}
+    assert kept == rests_on | {"version": f"{exam.version()}\n"}
     assert [name for word, name in pairwise(calls[0]) if word == "--without"] == ["air_lift", "air_wind"]
 
 
@@ -163,7 +178,7 @@ def test_a_case_that_cannot_be_made_is_not_tried_again(tmp_path, monkeypatch):
         raise exam.Unmakeable("two meshes of it differ by 12 mm")
 
     monkeypatch.setattr(exam, "make", make)
-    folder = exam.Folder(tmp_path / "new")
+    folder = Folder(tmp_path / "new")
     told = [list(exam.generate(folder, [QUESTION])) for _ in range(2)]
     assert told == [[(7, "left out: two meshes of it differ by 12 mm")]] * 2
     assert tried == [7] and folder.numbers() == [] and not folder.made(7)
@@ -176,7 +191,7 @@ def test_a_sealed_exam_is_sat_in_parts_and_pooled(folder, tmp_path, monkeypatch)
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION, replace(QUESTION, number=8)][: self.count])
     board = tmp_path / "board.jsonl"
     exam.sit(exam.Exam(folder, 1, 0, "sealed"), scoreboard=board)
-    elsewhere = exam.Folder(tmp_path / "elsewhere")
+    elsewhere = Folder(tmp_path / "elsewhere")
     assert exam.sit(exam.Exam(elsewhere, 1, 0, "sealed"), scoreboard=board)["cases"] == 1
     assert len(board.read_text().splitlines()) == len(calls) == 1 and not elsewhere.made(7)
     monkeypatch.setattr(exam, "make", refused)
@@ -217,10 +232,10 @@ def test_what_was_not_done_is_neither_marked_nor_left_out(folder, tmp_path, monk
 
 
 def test_hours_end_when_they_have_passed(folder, monkeypatch):
-    heard = {}
+    heard, clock = {}, iter([1000.0, 1000.0, 2800.0])
     monkeypatch.setattr(exam, "run_in_children", lambda function, arguments, **options: heard.update(options))
-    monkeypatch.setattr(exam.time, "monotonic", lambda: 1000.0)
-    exam.at_once(2, 0.5)([], print)
+    monkeypatch.setattr(exam.time, "monotonic", lambda: next(clock))
+    exam.at_once(2, 0.5)([exam.Task(exam.Exam(folder, 1, 0, "open"), QUESTION)], print)
     assert heard["begin_by"] == 2800.0
 
 
@@ -280,7 +295,7 @@ def test_what_a_rival_closes_is_told_against_the_diagnosis_own_before(folder, tm
     monkeypatch.setattr(exam.Exam, "questions", lambda self: [QUESTION])
     guess = Rival("guess", "guesses", "nobody", lambda case: None)
     other_machine = tmp_path_factory.mktemp("elsewhere")
-    elsewhere = exam.Folder(shutil.copytree(folder.root, other_machine / "exam"))
+    elsewhere = Folder(shutil.copytree(folder.root, other_machine / "exam"))
     predicted(folder, None, before=0.01)
     for rival_in in (folder, elsewhere):
         predicted(rival_in, "guess", before=0.05)
@@ -295,7 +310,7 @@ def test_what_a_rival_closes_is_told_against_the_diagnosis_own_before(folder, tm
 def predicted(folder, rival, *, before):
     """An answer whose base predicts so many metres beside the truth, and which predicts 20 mm beside it."""
     x = np.zeros((3, 2, 3))
-    folder.keep_answer(7, rival, None, {}, "")
+    folder.keep_answer(7, rival, None, by=exam.version(), beside={}, errors="")
     (folder.answer(7, rival) / "answer.json").write_text(json.dumps(ANSWER))
     np.savez(folder.answer(7, rival) / "pred.npz", before=x + np.array([before, 0, 0]), after=x + np.array([0.02, 0, 0]))
 
@@ -304,7 +319,7 @@ def test_rivals_answer_the_same_files_and_stand_beside_the_diagnosis(folder, tmp
     calls = []
 
     def run(command, place):
-        assert sorted(p.name for p in place.iterdir()) == sorted(exam.OPEN_FILES)
+        assert sorted(p.name for p in place.iterdir()) == sorted(OPEN_FILES)
         calls.append(command[3:6])
         return "", "", 1
 
@@ -393,9 +408,9 @@ def test_tasks_in_processes_of_their_own_answer_as_in_turn_and_leave_out_what_is
     said = []
     exam.at_once(2)([task], said.append)
     assert said == ["case 7: there", "case 7: chance"] and task.done
-    monkeypatch.setattr(exam, "run_in_children", lambda function, arguments, **_: said.append(len(arguments)))
-    exam.at_once(2)([task], said.append)
-    assert said[-1] == 0
+    monkeypatch.setattr(exam, "run_in_children", lambda function, arguments, **_: pytest.fail("it was begun again"))
+    exam.at_once(2)([task, task], said.append)
+    assert said[-1] == "case 7: chance"
 
 
 def test_other_engines_stand_apart_on_the_scoreboard(folder, tmp_path, monkeypatch):

@@ -12,9 +12,14 @@ import numpy as np
 import pytest
 
 from flows import cli
+from flows.config import load
 from flows.endings import ending_of
+from flows.preflight import preflight
 from storage_schemas import artifact
 from storage_schemas.object_store import open_store
+from tasks.cloth.tracked_scene import FEWEST_FRAMES
+from tasks.geometry.faults import BadInput
+from tests.flows import recordings
 from tests.flows.recordings import tiny_recording, tiny_videos
 from tests.storage_schemas.examples import key_of, keypoints, provenance
 
@@ -161,7 +166,7 @@ def without(*names: str):
 NOTHING_TO_WORK_ON = {
     "no surface": (without("template", "1x/masks"), "tracking", "neither a template nor a mask"),
     "no template, garments wanted": (without("template"), "cloth", "no template: no garment"),
-    "no garment": (without(), "report", "no part but 'body'"),
+    "no garment": (without(), "report", "template/template.obj has no part but 'body'"),
     "two frames of a garment": (lambda f: template(f, "f 1 2 4", "g skirt\nf 1 2 4"), "cloth", "2 frames tell nothing of how cloth moves"),
 }
 
@@ -174,6 +179,54 @@ def test_what_a_later_stage_will_lack_is_told_before_work(place, kept, capsys, w
     told = capsys.readouterr().err
     assert said in told
     assert "--until" in told
+    assert contents(Path("artifacts")) == kept
+
+
+@pytest.fixture
+def dressed(monkeypatch, tmp_path):
+    """A recording of enough frames and with a garment: all that comes before the appearance can be had."""
+    monkeypatch.setattr(recordings, "FRAMES", FEWEST_FRAMES)
+    place = tiny_recording(tmp_path / "data", sequence="long")
+    template(place, "f 1 2 4", "g skirt\nf 1 2 4")
+    return place
+
+
+NO_APPEARANCE = {
+    "no masks": (without("1x/masks"), "", "masks: there are none"),
+    "a judge who is no camera": (without(), "appearance.held_out=4", "held_out: camera 4 of a rig of 4"),
+    "a reduction that does not divide": (without(), "appearance.reduce=5", "px is not a multiple of 5"),
+}
+
+
+@pytest.mark.parametrize("what", NO_APPEARANCE)
+def test_pictures_without_appearance_are_refused_before_work_and_serve_for_the_rest(dressed, what):
+    change, setting, said = NO_APPEARANCE[what]
+    change(dressed)
+    settings = load([f"capture.recording={dressed}", *filter(None, [setting])])
+    for until in ("appearance", "report"):
+        with pytest.raises(BadInput, match=f"{dressed}.*{said}.*, or stop earlier: --until gap"):
+            preflight(settings, until)
+    preflight(settings, "gap")
+
+
+def test_pictures_through_a_lens_are_refused_before_work(tmp_path):
+    """The keypoints and the tracking can do with them."""
+    folder = tiny_videos(tmp_path)
+    file = folder / "calibration.json"
+    rig = json.loads(file.read_text())
+    rig["cameras"]["Cam002"]["distortion_coefficients"] = [-0.1, 0.0, 0.0, 0.0, 0.0]
+    file.write_text(json.dumps(rig))
+    with pytest.raises(BadInput, match=r"camera Cam002: distortion .*Undistort .*--until gap"):
+        preflight(load([f"capture.recording={folder}"]), "appearance")
+
+
+@pytest.mark.parametrize("until", ["capture", "cloth"])
+def test_skin_written_otherwise_is_refused_before_work(place, kept, capsys, until):
+    """It would be simulated as cloth."""
+    template(place, "g body", "g Body")
+    assert submit(until=until) == 2
+    said = capsys.readouterr().err
+    assert "template.obj: it has a part 'Body'. Rename it to 'body'" in said
     assert contents(Path("artifacts")) == kept
 
 

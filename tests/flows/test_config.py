@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from flows.config import load
+from flows.pipeline import STAGES
+from tasks.effects import air_lift
 from tasks.geometry.faults import BadInput
 
 
@@ -22,7 +24,7 @@ def test_flags_beat_environment_beats_toml(file, monkeypatch):
     monkeypatch.setenv("PHYSAVATAR_CLOTH__BENDING", "8")
     settings = load(["cloth.density=500"], file=file)
     assert (settings.cloth.density, settings.cloth.bending, settings.cloth.membrane) == (500.0, 8.0, 2.0)
-    assert settings.cloth.substeps == 4
+    assert settings.cloth.attempts == 3
     assert str(settings.store) == "from_toml"
 
 
@@ -44,6 +46,40 @@ def test_what_cannot_be_is_refused_with_a_remedy(file, flag, said):
 
 def test_an_empty_folder_of_effects_is_none_and_not_the_working_directory(file):
     assert load(["effects_folder="], file=file).effects_folder is None
+
+
+@pytest.fixture
+def mine(file):
+    """A folder with one effect, named at the top of the file."""
+    folder = file.with_name("my_effects")
+    folder.mkdir()
+    source = Path(air_lift.__file__).read_text().replace('"air_lift', '"air_mine')
+    (folder / "air_mine.py").write_text(source)
+    file.write_text(f'effects_folder = "{folder}"\n')
+    return folder
+
+
+def test_the_folder_of_effects_reaches_the_stages_that_look_for_them(file, mine):
+    plain, asked = load(file=file), load(["cloth.effects=air_mine"], file=file)
+    assert (plain.gap.effects_folder, plain.cloth.effects_folder) == (mine, None)
+    assert (asked.gap.effects_folder, asked.cloth.effects_folder, asked.cloth.effects) == (mine, mine, ("air_mine",))
+    chosen = load(["gap.effects_folder=elsewhere"], file=file)
+    assert chosen.gap.effects_folder == Path("elsewhere")
+    with pytest.raises(BadInput, match="gap"):
+        load(["gap=3"], file=file)
+
+
+def test_only_what_uses_the_folder_of_effects_has_it_in_its_key(file, mine):
+    def decides(stage, overrides=()):
+        return STAGES[stage].key_fields({}, getattr(load(overrides, file=file), stage))["weights"].keys()
+
+    assert (set(decides("gap")), set(decides("cloth")), set(decides("cloth", ["cloth.effects=air_mine"]))) == (
+        {"effects_folder"},
+        set(),
+        {"effects_folder"},
+    )
+    file.write_text("")
+    assert not decides("gap") | decides("cloth", ["cloth.effects=air_lift"])
 
 
 def test_broken_toml_names_the_file(file):

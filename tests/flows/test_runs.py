@@ -1,6 +1,7 @@
 """Records of runs: who carries one out, whether he still does, and whom `cancel` may signal."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -78,6 +79,22 @@ def test_a_run_here_is_cancelled(place, bystander):
     assert bystander.wait(10) == -signal.SIGTERM
 
 
+def test_a_run_of_the_service_is_cancelled_there(place, capsys, bystander):
+    """Its process would be asked, end, and be replaced."""
+    here = {"pid": bystander.pid, "started": started_of(bystander.pid)}
+    served = recorded(place, **here)
+    served.flow_run = "3f0a"
+    served.write()
+    for named in ([], [served.id]):
+        assert run("cancel", *named) == 2
+        assert "cancel ann 'one' in the Prefect UI" in capsys.readouterr().err
+    assert bystander.poll() is None
+    own = recorded(place, **here)
+    own.file.rename(own.file.with_name(f"0{own.file.name}"))  # an older one
+    assert run("cancel") == 0
+    assert bystander.wait(10) == -signal.SIGTERM
+
+
 def test_a_record_that_does_not_say_when_its_process_began_is_of_a_run_that_is_over(place, bystander):
     """As records from before 2026-11-25."""
     record = recorded(place)
@@ -107,6 +124,13 @@ def test_runs_of_an_object_store_are_found_where_they_are_written(tmp_path, monk
     assert run("cancel", *flag) == 2
     assert "it completed" in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["cache"]
+
+
+def test_two_runs_of_one_second_and_process_number_have_two_records(tmp_path):
+    """As two containers over one store may have."""
+    first, *others = [RunRecord(tmp_path, "ann", "one") for _ in range(3)]
+    assert len({record.id for record in (first, *others)}) == 3
+    assert all(record.id.split("-")[2] == str(os.getpid()) for record in (first, *others))
 
 
 def test_a_record_may_be_told_from_threads(tmp_path):

@@ -1,12 +1,14 @@
 """Blind prediction: what it starts from, and how it is computed."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from flows import gap
+from flows import blind_prediction
+from flows.blind_prediction import BlindPrediction
 from tasks.cloth.numerics import finer_computed
 from tasks.cloth.start_state import States
 from tasks.cloth.windows import Prediction, Window, predict
@@ -69,12 +71,36 @@ def test_shrunken_cloth_starts_where_it_was_seen(name):
     assert rms_mm(predicted(model, recording)[:2] - true[:2]) > 5.0
 
 
-@pytest.mark.parametrize(("reached", "used"), [(4, "before"), (9, "after"), (12, "after")])
+@pytest.mark.parametrize(("reached", "used"), [(4, "before"), (9, "after"), (11, "after"), (12, "after")])
 def test_a_cause_with_which_cloth_cannot_be_simulated_foretells_nothing(tmp_path, monkeypatch, reached, used):
     """Cloth held at the last state that was reached would be compared with what was seen as if that had been foretold."""
     told = {"before": np.full((9, 3, 3), 1.0), "after": np.full((reached, 3, 3), 2.0)}
-    monkeypatch.setattr(gap, "_predicted", lambda job: told[job[0].name])
+    monkeypatch.setattr(blind_prediction, "_predicted", lambda job: told[job[0].name])
     before, after = (SimpleNamespace(name=name) for name in told)
-    gap.BlindPrediction(SimpleNamespace(map=map), range(12)).write(tmp_path / "pred.npz", before, after)
-    found = np.load(tmp_path / "pred.npz")
+    said = BlindPrediction(SimpleNamespace(map=map), range(12)).write(tmp_path / "pred", before, after)
+    assert [p.name for p in tmp_path.iterdir()] == ["pred"]  # at the path that was given, without another ending
+    found = np.load(tmp_path / "pred")
+    assert "after 9 of 12 frames; its last state is held" in said[0]
+    assert [f"after {reached} of 12 frames" in s for s in said[1:]] == ([True] if reached != 9 and reached < 12 else [])
+    assert used == "after" or said[1].endswith("`after` is `before` instead")
     assert np.array_equal(found["before"], held(told["before"], 12)) and np.array_equal(found["after"], held(told[used], 12))
+
+
+def test_a_prediction_to_the_end_says_nothing_and_what_was_there_is_replaced_whole(tmp_path, monkeypatch):
+    """Written in place, a prediction that is interrupted would leave half a file under the name of a whole one."""
+    out, model = tmp_path / "pred.npz", SimpleNamespace()
+    out.write_bytes(b"the old one")
+    monkeypatch.setattr(blind_prediction, "_predicted", lambda job: np.ones((12, 3, 3)))
+    writer = BlindPrediction(SimpleNamespace(map=map), range(12))
+    with monkeypatch.context() as full:
+        full.setattr(blind_prediction.np, "savez_compressed", _fails_half_way)
+        with pytest.raises(OSError, match="full"):
+            writer.write(out, model, model)
+    assert out.read_bytes() == b"the old one"
+    assert writer.write(out, model, model) == () and np.load(out)["after"].shape == (12, 3, 3)
+
+
+def _fails_half_way(file, **arrays):
+    write = file.write_bytes if isinstance(file, Path) else file.write
+    write(b"half")
+    raise OSError("full")

@@ -14,6 +14,7 @@ from tasks.effects.library import library
 from tasks.effects.model import Model
 from tasks.effects.retriangulated import retriangulated
 from tasks.gap.coarse_garment import VERTICES, coarse_garment
+from tasks.gap.diagnosis import RATIOS
 from tasks.gap.garment_recordings import Garment
 from tasks.geometry.decimation import roundness
 from tasks.geometry.meshes import edges
@@ -107,7 +108,7 @@ def test_driven_nodes_and_observations_carry_over_as_they_are(coarse):
 def test_the_answer_speaks_of_every_vertex(coarse):
     _, found = coarse
     mm = [None, *np.arange(1.0, VERTICES)]
-    found_there = {name: {"value": 2.0, "low": 1.0, "high": 4.0} for name in ("kappa_s_over_rho", "kappa_b_over_rho")}
+    found_there = {name: {"value": 2.0, "low": 1.0, "high": 4.0} for name in RATIOS}
     told = found.told({"where": {"vertex_mm": mm, "vertex_accel": mm, "frame_mm": [1.0]}, "parameters": found_there, "seconds": 3})
     assert len(told["where"]["vertex_mm"]) == len(told["where"]["vertex_accel"]) == 3025
     assert told["where"]["vertex_mm"][found.kept[7]] == 7.0
@@ -116,6 +117,8 @@ def test_the_answer_speaks_of_every_vertex(coarse):
     times = found.on_whole(found.garment.model).subject.fabric.bending / found.garment.model.subject.fabric.bending
     assert told["parameters"]["kappa_s_over_rho"] == found_there["kappa_s_over_rho"] and times != pytest.approx(1.0, abs=0.01)
     assert told["parameters"]["kappa_b_over_rho"] == pytest.approx({"value": 2 * times, "low": times, "high": 4 * times})
+    unknown = {name: {"value": None, "low": None, "high": None, "unit": "m3/kg"} for name in RATIOS}
+    assert found.told({"where": {"vertex_mm": mm, "vertex_accel": mm}, "parameters": unknown})["parameters"] == unknown
 
 
 def test_what_was_found_is_put_on_the_whole_garment(coarse):
@@ -136,10 +139,9 @@ def test_a_small_garment_is_left_as_it_is():
     found = coarse_garment(whole)
     assert found.garment is whole
     np.testing.assert_array_equal(found.recording(whole.recordings[0]).observed, whole.recordings[0].observed)
-    assert (
-        found.told({"where": {"vertex_mm": [1.0] * 256, "vertex_accel": [2.0] * 256}, "parameters": {}})["where"]["vertex_accel"]
-        == [2.0] * 256
-    )
+    ratios = {name: {"value": 2.0, "low": 1.0, "high": 4.0} for name in RATIOS}
+    told = {"where": {"vertex_mm": [1.0] * 256, "vertex_accel": [2.0] * 256}, "parameters": ratios}
+    assert found.told(told) == told
 
 
 def test_longer_edges_stand_higher_on_a_body_which_is_drawn_in_for_that():

@@ -25,8 +25,8 @@ FLOOR, BASE = 1.0, 10.0  # mm
 @pytest.fixture
 def put(monkeypatch):
     """Evidence of each effect on the training windows, mm of each hypothesis on windows kept out, `again`: evidence with these among the
-    windows, `pair`: a second effect and its evidence, before and with them, and `whole`: how replays compare there -> what is confirmed,
-    and the trials.
+    windows, `pair`: a second effect and its evidence, before and with them (then of another second, if one is named), and `whole`: how
+    replays compare there -> what is confirmed, and the trials.
     """
 
     def run(weigh, mm, *, pair=None, doubt=0.0, alike=frozenset(), kept=KEPT, base=BASE, again=None, whole=None):
@@ -40,7 +40,7 @@ def put(monkeypatch):
         t.windows = t.screened.evidence
         t.settle()
         taught = t.leader.evidence
-        t.pairs = lambda: () if pair is None else _pairs(t, pair[0], pair[1 if t.leader.evidence == taught else -1])
+        t.pairs = lambda: () if pair is None else _pairs(t, *_second(*pair, now=t.leader.evidence != taught))
         monkeypatch.setattr(confirmation, "floor_mm", lambda *_: FLOOR)
         monkeypatch.setattr(confirmation, "corrected_model", lambda named: named.hypothesis.name)
         rng = np.random.default_rng(1)
@@ -62,6 +62,10 @@ def _simulated(rng, mm):
 def _weighing(named, evidence):
     (weight,) = named.hypothesis.weights
     return replace(named, hypothesis=replace(named.hypothesis, weights=(replace(weight, likelihood=evidence, prior=0.0),)))
+
+
+def _second(name, before, after=None, other=None, *, now):
+    return (other or name, before if after is None else after) if now else (name, before)
 
 
 def _pairs(trials, second, gain):
@@ -153,6 +157,33 @@ def test_a_pair_that_only_windows_kept_out_make_lead_leaves_the_first_its_name(p
     found, _ = put({FRICTION: 20.0, DRAG: 1.0}, {FRICTION: 1.01}, base=1.0, again={FRICTION: 19.0}, pair=(DRAG, 3.0, 9.0))
     assert found.verdict.classes == ((FRICTION,),) and found.verdict.named is found.named.hypothesis
     assert found.verdict.ranking[0].fitted is found.verdict.named and found.verdict.probability > 0.95  # what both weighed
+
+
+def test_at_its_floor_what_is_named_is_told_with_the_class_that_it_has_now(put):
+    """A name of 98 % had stood beside a class of two that had weighed them."""
+    found, _ = put({FRICTION: 20.0, DRAG: 5.5}, {FRICTION: 1.01}, base=1.01, again={FRICTION: 6.0})
+    assert found.verdict.classes == ((FRICTION, DRAG),) == (found.verdict.ranking[0].names,)
+    assert found.verdict.probability == found.verdict.ranking[0].probability
+
+
+@pytest.mark.parametrize(("beside", "named"), [(9.0, (FRICTION, DAMPING)), (4.0, (FRICTION,))])
+def test_at_its_floor_two_causes_keep_their_names_only_if_both_still_lead(put, beside, named):
+    """Else the first is named, as simulated by itself; the pair had been named with what the first alone weighs."""
+    both = f"{FRICTION} + {DAMPING}"
+    mm = {FRICTION: 1.01, both: 1.0}
+    found, trials = put({FRICTION: 20.0, DRAG: 5.5}, mm, base=1.01, again={FRICTION: 6.0}, pair=(DAMPING, 9.0, beside))
+    v, named_ = found.verdict, found.named.hypothesis
+    assert tuple(e.name for e in v.named.effects) == tuple(e.name for e in named_.effects) == named
+    assert v.probability == v.ranking[0].probability and len(v.classes) == len(named) and not trials.vetoed
+    assert found.gap.after_mm == pytest.approx(1.0 if len(named) == 2 else 1.01, rel=0.01)
+    assert v.ranking[0].names == tuple(dict.fromkeys(n for c in v.classes for n in c))
+
+
+def test_and_the_first_where_another_pair_leads(put):
+    """It was not asked whether that second helps there."""
+    mm = {FRICTION: 1.01, f"{FRICTION} + {DAMPING}": 1.0}
+    found, _ = put({FRICTION: 20.0}, mm, base=1.01, again={FRICTION: 19.0}, pair=(DAMPING, 9.0, 9.0, DRAG))
+    assert found.verdict.classes == ((FRICTION,),) and found.verdict.named is found.named.hypothesis
 
 
 def _of(verdict, name):

@@ -1,5 +1,6 @@
 """The door of gap diagnoses from the cloth it was given: effects that this has are part of the base, and no suspects."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,12 +39,12 @@ def asked(monkeypatch):
         noise_m=np.full(x.shape[:2], 1e-3),
     )
 
-    def ask(parameters):
+    def ask(parameters, fps=25.0):
         cloth = SimpleNamespace(parameters={"skirt": parameters}, vertices_index=np.arange(V))
         with pytest.raises(Stop):
             stage._diagnosed(
                 SimpleNamespace(progress=lambda *told: None, spread=lambda run, at_once: run),
-                SimpleNamespace(fps=25.0),
+                SimpleNamespace(fps=fps),
                 tracking,
                 SimpleNamespace(vertices=body, faces=body_faces),
                 cloth,
@@ -66,3 +67,12 @@ def test_an_effect_of_the_cloth_is_in_the_base_and_no_suspect(asked):
 def test_without_effects_the_base_is_bare_and_all_are_suspects(asked):
     model, suspects = asked(RATIOS)
     assert model.effects == () and "air_normal_drag" in suspects
+
+
+def test_a_computation_of_the_whole_recording_may_take_longer_than_one_of_a_second(asked, monkeypatch):
+    """Twelve frames, four in a second."""
+    limits = []
+    monkeypatch.setattr(stage, "Pool", lambda *, limit_s, at_once: limits.append(limit_s) or nullcontext(SimpleNamespace(map=map)))
+    for fps in (25.0, 4.0):
+        asked(RATIOS, fps)
+    assert limits == [600.0, 1800.0]

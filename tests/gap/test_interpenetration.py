@@ -63,3 +63,11 @@ def test_nothing_is_told_of_a_body_in_its_place():
     model, recording = scene(0.001)
     noisy = replace(recording, observed=recording.observed + 5e-4 * np.random.default_rng(0).standard_normal(recording.observed.shape))
     assert cleared(model, [noisy], suspects(LIBRARY.values()), 5e-4) == {}
+
+
+def test_what_the_base_does_to_the_body_already_stands_beside_what_is_tried():
+    """A base that has the body 20 mm thinner leaves a delay of 50 ms to be seen; tried on the bare body, no delay clears it."""
+    model, recording = scene(-0.0195, speed=0.4, late=0.05)
+    given = model.joined([LIBRARY["body_offset"]], {"body_offset": np.array([-0.02])})
+    found = cleared(given, [recording], [LIBRARY["observation_delay"]], 5e-4)
+    assert found["observation_delay"] == pytest.approx(0.05, abs=0.02)

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.cloth.base_parameters import with_fabric
+from tasks.cloth.base_parameters import logarithms, with_fabric
 from tasks.cloth.base_refit import refit
-from tasks.cloth.gauss_newton import logarithms
 from tasks.cloth.shooting import follow
 from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes

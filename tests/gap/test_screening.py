@@ -6,15 +6,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tasks.cloth import likeliest_errors, shooting
 from tasks.cloth.numerics import MESH, offsets
 from tasks.cloth.shooting import Job, follow
 from tasks.cloth.start_state import States
 from tasks.cloth.state_modes import smooth_modes
-from tasks.cloth.windows import Window
+from tasks.cloth.windows import Prediction, Window
+from tasks.effects.library import library
 from tasks.gap import screening
+from tasks.gap.diagnosis import diagnose
 from tasks.gap.screening import ROUGH, _otherwise, roughly_refitted
 from tests.cloth.test_windows import FABRIC, swung
 from tests.gap.test_gathered import data
+
+LIBRARY = library()
 
 
 @pytest.mark.parametrize("followed_from", [{}, {"x 0 x": 2e-3, "v 1 z": 0.1}])
@@ -55,3 +60,16 @@ def test_long_windows_begin_with_the_nearest_of_fabrics_far_apart(monkeypatch, s
     for windows, length, own, first in asked:
         assert windows <= ROUGH + 1 and length == max(w.length for w in each[1].windows)
         assert (own, first) == (short, FABRIC)
+
+
+def test_where_no_window_can_be_followed_shorter_ones_are_asked_and_then_it_is_said(monkeypatch):
+    """A motion that is blocked everywhere had ended the diagnosis with an error of indices."""
+    model, recording, *_ = swung(46, noise=1e-3)
+    for module in (shooting, screening, likeliest_errors):
+        monkeypatch.setattr(
+            module, "predict", lambda model, recording, w, s, **_: Prediction(w, s.x[w.start : w.start + 1], {}, "blocked", 0)
+        )
+    told = []
+    found = diagnose(model, [recording], [LIBRARY["air_normal_drag"]], quick=True, tell=told.append).verdict
+    assert [text for text in told if "windows of" in text] == ["8 windows of 0.19 s", "9 windows of 0.18 s"]
+    assert found.kind == "not_testable" and found.reason == "the simulation can follow only 0 windows of the recording"

@@ -104,3 +104,19 @@ def test_a_pair_by_hand_and_what_its_class_is_called():
         weight = 0.3 / 6 * np.exp(0.8 * 3.0) * alone
         rest = 5 * np.exp(-0.8 * 5.0) / 6  # nothing is excluded by more than 5
         assert pair.probability == pytest.approx(weight / (weight + alone + rest + 1))
+
+
+@pytest.mark.parametrize(("evidence", "beside"), [(900.0, 0.0), (500.0, 400.0), (-9.0, 2000.0)])
+def test_no_evidence_is_too_large_to_be_a_probability(evidence, beside):
+    """Weights are exponentials of it, and that of 720 is no number."""
+    lag, drag = weighed(1.0, "body_lag"), weighed(evidence, "air_normal_drag")
+    pairs = [weighed(evidence, "air_normal_drag", "body_lag", pair_evidence=beside)] if beside else []
+    found = judge([drag, lag] if evidence > 0 else [drag], pairs, unexplained=0.1)
+    (leader, *_) = found.ranking
+    assert found.probability == pytest.approx(1 / (1 + 0.1 * 0.15), rel=1e-3) and leader.fitted is (pairs or [drag])[0]
+    assert sum(c.probability for c in found.ranking) == pytest.approx(1)
+
+
+def test_replays_that_say_as_much_of_anything_leave_outside_the_library_its_share():
+    found = judge([weighed(-9.0, "body_lag")], unexplained=0.5, missing=1000.0)
+    assert found.ranking[0].names == ("outside_library",) and np.isfinite(found.probability)

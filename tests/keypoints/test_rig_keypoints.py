@@ -7,9 +7,10 @@ import pytest
 
 from tasks.geometry.cameras import Cameras, project
 from tasks.keypoints.detector import Detections
-from tasks.keypoints.person_box import box_from_mask
+from tasks.keypoints.person_box import NOWHERE, box_from_mask, moving_person, temporal_median
 from tasks.keypoints.rig_keypoints import agreed_points, follow_masks, follow_motion
-from tests.keypoints.test_person_box import rig  # noqa: F401
+from tasks.keypoints.sides import same_sides
+from tests.keypoints.test_person_box import box_of, rig  # noqa: F401
 
 FRAMES = 5
 
@@ -52,7 +53,7 @@ def test_one_wrong_view_is_mended(rig, scene):  # noqa: F811
     detector, images, boxes = scene
     start = boxes[0].copy()
     start[2] = boxes[1, 2]
-    found = follow_motion(detector, rig, images, start)
+    found = follow_motion(detector, rig, images, lambda _: start)
     np.testing.assert_allclose(found.uv, detector.figures[0])
 
 
@@ -60,13 +61,37 @@ def test_a_view_without_a_box_joins_in(rig, scene):  # noqa: F811
     detector, images, boxes = scene
     start = boxes[0].copy()
     start[1] = np.nan
-    np.testing.assert_allclose(follow_motion(detector, rig, images, start).uv, detector.figures[0])
+    np.testing.assert_allclose(follow_motion(detector, rig, images, lambda _: start).uv, detector.figures[0])
 
 
 def test_when_all_views_start_on_the_other_figure_they_stay_there(rig, scene):  # noqa: F811
     """Agreement is all that is checked: the first boxes decide who is followed."""
     detector, images, boxes = scene
-    np.testing.assert_allclose(follow_motion(detector, rig, images, boxes[1]).uv, detector.figures[1])
+    np.testing.assert_allclose(follow_motion(detector, rig, images, lambda _: boxes[1]).uv, detector.figures[1])
+
+
+def test_who_enters_later_is_followed_from_there(rig, scene):  # noqa: F811
+    detector, images, boxes = scene
+    sought = [np.tile(NOWHERE, (4, 1)), np.tile(NOWHERE, (4, 1)), boxes[0]]
+    found = follow_motion(detector, rig, images, lambda _: sought.pop(0))
+    assert not sought
+    assert np.isnan(found.uv[:2]).all()
+    assert np.isnan(found.box[:2]).all()
+    np.testing.assert_allclose(found.uv[2:], detector.figures[0, 2:])
+    mended, turned = same_sides(rig, found)
+    np.testing.assert_array_equal(mended.uv, found.uv)
+    assert not turned.any()
+
+
+def test_one_who_enters_an_empty_room_is_seen_to_move(rig):  # noqa: F811
+    """Nobody is in the first of the pictures, which once decided for all."""
+    clip = [[np.zeros((480, 640, 3), np.uint8) for _ in range(4)] for _ in range(7)]
+    for t in (4, 5, 6):
+        for camera, (left, top, right, bottom) in enumerate(box_of(rig, np.array([0.5 * t - 2.5, 0, 0])).round().astype(int)):
+            clip[t][camera][max(top, 0) : bottom, max(left, 0) : right] = 200
+    still = [temporal_median([images[camera] for images in clip]) for camera in range(4)]
+    assert np.isnan(moving_person(rig, still, clip[0])).all()
+    np.testing.assert_allclose(moving_person(rig, still, clip[4]), box_of(rig, np.array([-0.5, 0, 0])), atol=5)
 
 
 def test_agreed_points_shrug_off_one_gross_error(rig):  # noqa: F811

@@ -1,10 +1,68 @@
-"""The parent of a sequence shows what its children are at, while they are at it. Without a server."""
+"""The parent of a sequence shows what its children are at, while they are at it, and all end as what they waited for. Without a server."""
 
 import asyncio
+import json
 from types import SimpleNamespace
 
-from flows.service import actor
+import pytest
+from prefect.client.schemas.objects import StateType
+
+from flows.service import actor, group
+from flows.service.dispatch import WorkFailed
 from flows.service.survey import Survey
+from storage_schemas.store import Store
+from tasks.child_process import ChildTimedOut
+from tests.service import tiny
+from tests.service.place import order
+
+
+@pytest.fixture
+def ordered(tmp_path, monkeypatch):
+    monkeypatch.setenv("TINY_STORE", str(tmp_path / "store"))
+    monkeypatch.setenv("TINY_DATA", str(tmp_path / "data"))
+    tiny.recording(tmp_path / "data", "ann", "one")
+    return order("ann", "one")
+
+
+def failing(error: Exception):
+    async def fail(*_):
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("ending", "type_"), [("Cancelled", StateType.CANCELLED), ("TimedOut", StateType.FAILED), ("Failed", StateType.FAILED)]
+)
+def test_the_parent_ends_as_its_child_did(ordered, monkeypatch, ending, type_):
+    monkeypatch.setattr(actor, "dispatch", failing(WorkFailed("ann one: why", ending)))
+    monkeypatch.setattr(actor, "show_stages", shown)
+    parent = tiny.actor.fn(**ordered)
+    if ending == "Failed":
+        with pytest.raises(WorkFailed, match="ann one: why"):
+            asyncio.run(parent)
+    else:
+        state = asyncio.run(parent)
+        assert (state.type, state.name, state.message) == (type_, ending, "ann one: why")
+
+
+async def shown(*_):
+    """As if a server had taken the table."""
+
+
+def test_a_group_in_which_a_stage_took_too_long_has_timed_out(ordered, monkeypatch):
+    def late(*_, shared):
+        raise ChildTimedOut("still running after 3 s")
+
+    monkeypatch.setattr(group, "end_orphans", list)
+    monkeypatch.setattr(group, "run_stage", late)
+    monkeypatch.setattr(group, "Shown", lambda *_: lambda record: None)
+    monkeypatch.setattr(group, "this_run", SimpleNamespace(id="3f0a"))
+    state = tiny.vision.fn(**ordered)
+    assert (state.type, state.name) == (StateType.FAILED, "TimedOut") and "still running after 3 s" in state.message
+    (record,) = (Store(tiny.load().store).root / ".runs").glob("*.json")
+    told = json.loads(record.read_text())
+    assert (told["state"], told["flow_run"]) == ("timed out", "3f0a")
 
 
 def test_the_table_follows_a_run_from_stage_to_stage_of_its_pool(monkeypatch):

@@ -36,8 +36,8 @@ def request_of(at, settings=None):
     return tiny.SERVICE.request(at, settings, Store(settings.store))
 
 
-def compute(at, store=None) -> None:
-    request, store = request_of(at), store or Store(tiny.load().store)
+def compute(at, store=None, settings=None) -> None:
+    request, store = request_of(at, settings), store or Store(tiny.load().store)
 
     def bring(stage, inputs, done):
         return stage.run(store, at.actor, at.sequence, inputs, request.parameters(stage, done, store), recording=at.recording).ref
@@ -112,6 +112,16 @@ def test_a_changed_recording_or_setting_is_changed(place):
     text.write_text(text.read_text() + " again")
     assert standings()["ann/one"] == "changed"
     assert counts(plan_dataset([first()], request_of, Store(tiny.load().store))) == {"changed": 1}
+
+
+def test_a_model_that_was_replaced_in_its_place_is_changed(place):
+    model = place / "model.npz"
+    model.write_bytes(b"old")
+    settings = tiny.load().model_copy(update={"cloth": tiny.ClothParameters(model=model)})
+    compute(first(), settings=settings)
+    assert standings(settings)["ann/one"] == "finished"
+    model.write_bytes(b"new")
+    assert standings(settings)["ann/one"] == "changed"
 
 
 def test_a_name_that_could_leave_its_folder_is_refused_and_others_go_on(place):

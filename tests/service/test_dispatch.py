@@ -1,13 +1,14 @@
 """Patience with a server that is away, and the end of patience; which run answers a request."""
 
 import asyncio
+from contextlib import asynccontextmanager
 from uuid import uuid4
 
 import httpx
 import pytest
 from prefect.client.schemas.objects import FlowRun
 from prefect.exceptions import PrefectHTTPStatusError
-from prefect.states import Completed, Running, Scheduled
+from prefect.states import Cancelled, Completed, Failed, Running, Scheduled
 
 from flows.service import dispatch
 from flows.service.dispatch import patiently
@@ -80,6 +81,24 @@ def test_what_has_ended_however_often_runs_again(submitted, ended):
     server = Server(ended)
     assert submitted(server).state.is_scheduled()
     assert len(server.runs) == ended + 1
+
+
+@asynccontextmanager
+async def no_server():
+    yield None
+
+
+@pytest.mark.parametrize("state", [Cancelled(message="why"), Failed(name="TimedOut", message="why"), Failed(message="why")])
+def test_who_waits_is_told_how_it_ended_and_ends_so_too(monkeypatch, state):
+    async def submit(client, work):
+        return run("k-0", state)
+
+    monkeypatch.setattr(dispatch, "get_client", no_server)
+    monkeypatch.setattr(dispatch, "submit", submit)
+    with pytest.raises(dispatch.WorkFailed, match=f"ann one: {state.name}: why") as failed:
+        asyncio.run(dispatch.dispatch(dispatch.Work("actor/service", {}, "k", "ann one")))
+    ends = failed.value.as_state()
+    assert (failed.value.ending, ends.type, ends.name) == (state.name, state.type, state.name)
 
 
 @pytest.mark.parametrize("removed", [0, 1, 89])

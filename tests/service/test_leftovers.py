@@ -60,6 +60,13 @@ def test_a_solver_whose_engine_is_gone_is_ended_and_others_are_not(start, comman
     assert {p.pid: p.is_engine for p in processes() if p.run == "here"} == {engine.pid: True, solver.pid: False}
 
 
+def test_a_process_whose_arguments_are_no_utf8_hides_no_orphan(start):
+    stranger = start([*SLEEP, b"caf\xe9"])
+    orphan = start([*SLEEP, b"caf\xe9"], **{RUN_ID: "gone"})
+    assert orphan.pid in end_orphans()
+    assert ended(orphan) and stranger.poll() is None
+
+
 def test_a_stopped_orphan_is_ended_too(start):
     orphan = start(SLEEP, **{RUN_ID: "gone"})
     orphan.send_signal(signal.SIGSTOP)

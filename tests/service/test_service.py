@@ -111,6 +111,28 @@ def test_a_helper_shares_the_simulations_of_another_run(running):
 
 
 @pytest.mark.slow
+def test_a_parent_whose_child_is_cancelled_is_cancelled(running):
+    from prefect.states import Cancelling
+
+    work = actor_work("stopped", "k-stopped", "60")
+
+    async def stop() -> None:
+        async with get_client() as client:
+            child = None
+            while child is None or not child.state.is_running():
+                await asyncio.sleep(0.5)
+                child = next((run for run in await client.read_flow_runs() if run.name == "ann stopped: simulation from cloth"), None)
+            await client.set_flow_run_state(child.id, Cancelling())
+
+    async def both() -> WorkFailed:
+        failed, _ = await asyncio.gather(dispatch(work), stop(), return_exceptions=True)
+        return failed
+
+    failed = asyncio.run(asyncio.wait_for(both(), 120))
+    assert isinstance(failed, WorkFailed) and failed.ending == "Cancelled"
+
+
+@pytest.mark.slow
 def test_cancelling_a_parent_reaches_its_child(running):
     from flows.service.dispatch import submit
 

@@ -25,7 +25,7 @@ from storage_schemas.fields import array
 from storage_schemas.record import Record
 from tasks.child_process import run_in_children
 from tasks.geometry.faults import BadInput, Fault
-from tasks.stage import Folder, Job, Parameters, stage
+from tasks.stage import Folder, Job, ModelFile, Parameters, stage
 from tests.service.tiny_solver import slowly
 
 HERE = Path(__file__)
@@ -43,6 +43,7 @@ class CaptureParameters(Parameters):
 
 class ClothParameters(Parameters):
     scale: float = 1.0
+    model: ModelFile = None
 
 
 @stage("capture", version=1, pool="vision", timeout_s=600)

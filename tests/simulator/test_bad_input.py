@@ -31,6 +31,8 @@ def pinned(n=4):
         ("membrane", 0.0),
         ("bending", -0.1),
         ("friction", np.nan),
+        ("friction", -0.1),
+        ("self_friction", -0.1),
         ("poisson", 1.0),
         ("rest_scale", np.inf),
         ("rest_scale", 0.0),
@@ -54,6 +56,26 @@ def test_faces_without_area_are_refused():
     x[1] = x[0]
     with pytest.raises(BadInput, match="faces have no area"):
         Cloth(x, faces)
+
+
+def test_vertices_of_no_face_are_refused():
+    x, faces = sheet(3, 3)
+    with pytest.raises(BadInput, match="2 vertices belong to no face, the first is 9"):
+        Cloth(np.concatenate([x, x[:2] + 5]), faces)
+
+
+def test_motions_of_no_frame_or_no_places_are_refused():
+    cloth = pinned()
+    with pytest.raises(BadInput, match="collider_motion: it has no frames"):
+        simulate(cloth, Fabric(), fps=25, **still(0, cloth))
+    with pytest.raises(BadInput, match=r"boundary_motion: shape \(2, 5\)"):
+        simulate(cloth, Fabric(), fps=25, **still(2, cloth) | {"boundary_motion": np.zeros((2, 5))})
+
+
+def test_faces_that_count_from_the_end_are_refused():
+    cloth, (ground, _) = pinned(), plane(1.0)
+    with pytest.raises(BadInput, match=r"collider\.faces: they name vertex -1 of 4"):
+        simulate(cloth, Fabric(), fps=25, **still(2, cloth, (ground - [0, 0.3, 0], np.array([[0, 1, -1]]))))
 
 
 def test_patterns_without_area_or_folded_are_refused():

@@ -67,6 +67,29 @@ def test_start_that_crosses_is_described():
     assert "crosses cloth face" in frames[0].ending and "further crossings" in frames[0].ending
 
 
+@pytest.mark.parametrize("ball", [None, [0.1, -0.049, 0.1]], ids=["alone", "on a ball"])
+@pytest.mark.parametrize(("shift", "said"), [([0.003, 5e-6, 0.002], "0.005 mm"), ([0.2 + 1e-6, 0, 0], "0.001 mm")])
+def test_cloth_that_nearly_touches_itself_is_told_where(shift, said, ball):
+    """Two sheets 5 µm apart, one on the other, and borders side by side that were not welded. A ball in the way is not to blame."""
+    x, faces = sheet(5, 5, length=0.2, width=0.2)
+    cloth = Cloth(np.concatenate([x, x + np.array(shift)]), np.concatenate([faces, faces + len(x)]))
+    skin = None if ball is None else (sphere(2, 0.05)[0] + ball, sphere(2, 0.05)[1])
+    (frame,) = simulate(cloth, Fabric(), fps=25, **still(2, cloth, skin))
+    assert f"and itself are {said} apart near (" in frame.ending and frame.ending.endswith("a start needs 0.01. Weld or move them apart.")
+
+
+@pytest.mark.parametrize("place", [[0.1303, -0.02, 0.1407], [0.15, -0.07, 0.15]], ids=["in the way of cloth", "inside the ball"])
+def test_collider_vertices_of_no_face_are_not_there(place):
+    """Cloth that sags over a ball neither stops at them, nor does the collider give way around them."""
+    cloth = Cloth(*sheet(7, 7, length=0.3, width=0.3), np.r_[0:7, 42:49])
+    ball, skin = sphere(2, 0.05)
+    ball = ball + np.array([0.15, -0.07, 0.15])
+    without = run(cloth, Fabric(membrane=0.05), still(4, cloth, (ball, skin)))
+    beside = run(cloth, Fabric(membrane=0.05), still(4, cloth, (np.concatenate([ball, [place]]), skin)))
+    for one, other in zip(without, beside, strict=True):
+        assert np.array_equal(one.x, other.x) and not other.yielded
+
+
 def pressing(gap_end):
     """Two balls that close in on a curtain between them until their centres are 2·gap_end apart."""
     x, faces = sheet(12, 12, length=0.4, width=0.4)

@@ -5,6 +5,7 @@ import pytest
 from scipy.sparse import csc_matrix, random_array
 
 from tasks.simulator import linear_system
+from tasks.simulator.gravity import Gravity
 from tasks.simulator.linear_system import LinearSystem, NotPositiveDefinite, _lu
 from tasks.simulator.potential import Blocks
 
@@ -49,6 +50,29 @@ def test_a_term_may_bring_stencils_of_its_own(case):
     far = blocks(np.random.default_rng(3), np.array([[0, 3, 5], [5, 4, 2]], np.int32))
     terms = [*terms[:2], far]
     np.testing.assert_allclose(np.tril(system.assemble(terms).toarray()), np.tril(dense(terms, 6, system.free)), atol=1e-12)
+
+
+def test_stencils_made_anew_are_not_kept(case):
+    """As a term may that looks for its stencils in every iteration."""
+    system, terms = case
+    for _ in range(20):
+        system.assemble([Blocks(term.stencils.copy(), term.values) for term in terms[:2]])
+    assert len(system._known) == 4  # of the last two assemblies
+
+
+def test_stencils_that_take_turns_are_found_once(case, monkeypatch):
+    system, terms = case
+    found, find = [], system._find
+    monkeypatch.setattr(system, "_find", lambda stencils: (found.append(stencils), find(stencils))[1])
+    for _ in range(5):
+        system.assemble(terms[:1])
+        system.assemble(terms[1:2])
+    assert len(found) == 2
+
+
+def test_gravity_brings_none():
+    gravity = Gravity(np.ones(3))
+    assert gravity.hessian(np.zeros((3, 3)), None, convex=False) is gravity.hessian(np.zeros((3, 3)), None, convex=True)
 
 
 def test_solution(case):

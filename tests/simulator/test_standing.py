@@ -9,7 +9,8 @@ import pytest
 from tasks.effects.library import library
 from tasks.geometry.faults import BadInput
 from tasks.simulator import Cloth, Fabric, Settings, Standing, simulate
-from tasks.simulator.potential import Potential
+from tasks.simulator.base_model import base_problem
+from tasks.simulator.potential import Step, StepTangent
 from tests.effects.scenes import FPS, TIGHT, struck
 from tests.simulator.scenes import sheet, sphere, still
 
@@ -71,14 +72,34 @@ def test_terms_with_a_memory(name):
     alike(*both(s.cloth, scene, 5, lambda: effect.potentials(s, [σ.typical for σ in effect.strengths])), 5)
 
 
-def test_what_is_moved_on_is_named():
-    """A term that overrides `accept` has a memory; one that did not name it would be resumed wrongly."""
-    terms = {c for c in every(Potential) if c.__module__.startswith("tasks.") and c.accept is not Potential.accept}
-    assert terms and all(c.memory for c in terms)
+@pytest.mark.parametrize("effect", [e for e in library().values() if "potentials" in e.acts_through], ids=lambda e: e.name)
+def test_what_is_moved_on_is_named(effect):
+    """What `begin`, `accept` and `accept_tangent` set is the term's memory, all of it; the base model has none."""
+    s, motion, x0, _ = struck()
+    own = effect.potentials(s, effect.typical)
+    problem = base_problem(s.cloth, s.fabric, s.collider, motion.collider[0], settings=TIGHT, potentials=own)
+    assert effect.kind != "state" or any(p.memory for p in own)
+    for term in problem.potentials:
+        assert moved_on(term, x0, motion.collider, effect.columns) == set(term.memory), type(term).__name__
 
 
-def every(kind):
-    return {kind}.union(*(every(c) for c in kind.__subclasses__()))
+def moved_on(term, x, collider, names):
+    """Names of the attributes that a step of cloth from x [V, 3] changes."""
+    rng, none = np.random.default_rng(0), np.zeros_like(x)
+    dx = rng.normal(size=(len(names), *x.shape))
+    step = Step(1 / FPS, 1 / FPS, x, none, x, none, collider[1], collider[0], collider[0])
+    d = StepTangent(dx, dx, dx, dx, *(np.zeros((0, *collider[0].shape)),) * 3)
+    y = x + 0.02 * rng.normal(size=x.shape)
+    begun = changed(term, lambda: term.begin(x))
+    return begun | changed(term, lambda: term.accept_tangent(y, step, dx, d, names)) | changed(term, lambda: term.accept(y, step))
+
+
+def changed(term, call):
+    """Names of the attributes that are another object after the call, or an array of other values."""
+    before, values = dict(vars(term)), {name: np.copy(value) for name, value in vars(term).items() if isinstance(value, np.ndarray)}
+    call()
+    other = {name for name, value in vars(term).items() if name not in before or value is not before[name]}
+    return other | {name for name, value in values.items() if not np.array_equal(value, before[name])}
 
 
 def test_a_standing_of_another_cloth_is_refused():

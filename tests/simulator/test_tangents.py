@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from tasks.simulator import Cloth, Fabric, Settings
+from tests.effects.scenes import FPS, struck
+from tests.effects.scenes import TIGHT as STRUCK
+from tests.effects.test_memory import Diary
 from tests.simulator.scenes import run, sheet, sphere, still
 
 FRAMES = 11
@@ -82,6 +85,28 @@ def test_motion_modes_against_central_differences():
         }
         ends.append(_ends(cloth, fabric, moved, TIGHT))
     assert _relative(frame.tangents["both"], (ends[0] - ends[1]) / (2 * e)) < 1e-4
+
+
+def test_through_halved_steps_against_central_differences():
+    """A panel struck by a ball, with too few iterations for two steps of the blow: step lengths change there and back under friction."""
+    s, motion, x0, v0 = struck()
+    settings = replace(STRUCK, newton_iterations=12)
+
+    def walk(fabric, **others):
+        diary = Diary()
+        motions = {"collider": s.collider, "collider_motion": motion.collider, "boundary_motion": motion.boundary}
+        frames = run(s.cloth, fabric, motions, fps=FPS, settings=settings, x0=x0, v0=v0, potentials=(diary,), **others)
+        return frames[-1], [step.h for _, step in diary.accepted]
+
+    frame, lengths = walk(s.fabric, tangents=("log_bending", "friction"))
+    assert len(lengths) == FRAMES + 1 and min(lengths) == pytest.approx(0.5 / FPS)
+    e = 1e-5
+    (high, one), (low, two) = (
+        walk(replace(s.fabric, bending=s.fabric.bending * np.exp(δ), friction=s.fabric.friction + δ)) for δ in (e, -e)
+    )
+    assert one == two == lengths
+    together = np.add(frame.tangents["log_bending"], frame.tangents["friction"])
+    assert _relative(together, np.stack([high.x - low.x, high.v - low.v]) / (2 * e)) < 1e-6
 
 
 def test_unknown_parameter_is_named():

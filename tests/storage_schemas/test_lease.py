@@ -91,6 +91,15 @@ def test_a_process_number_that_was_given_away_is_not_the_owner(path):
     assert is_live(path)  # the control: the same owner with its true start
 
 
+def test_an_owner_whose_name_is_no_utf8_is_asked_like_any_other(path):
+    named = "import time; open('/proc/self/comm', 'wb').write(b'caf\\xe9'); print(flush=True); time.sleep(5)"
+    with subprocess.Popen([sys.executable, "-c", named], stdout=subprocess.PIPE) as owner:
+        owner.stdout.readline()
+        write(path, expires=time.time() + 600, pid=owner.pid)
+        assert not is_live(path)  # it started later than the lease says: another process by now
+        owner.kill()
+
+
 def test_a_lease_taken_over_is_left_alone(path):
     with hold(path, seconds=0.4) as lease:
         for _ in range(50):  # the heartbeat may be about to write

@@ -1,12 +1,15 @@
 """A sweep removes what nobody counts on, and nothing else."""
 
 import os
+import shutil
 import time
 from datetime import timedelta
 
 import pytest
 
+from storage_schemas import sweep
 from storage_schemas.faults import Corrupt
+from storage_schemas.layout import new_aside
 from storage_schemas.store import Store
 from tests.storage_schemas.examples import key_of, keypoints, provenance
 
@@ -60,6 +63,50 @@ def test_a_dry_run_says_the_same_and_removes_nothing(store):
     assert left(store) == before
     assert said.bytes > 1000
     assert store.gc(older_than=DAY, dry_run=False) == said
+    assert left(store) == set()
+
+
+@pytest.fixture
+def vanishing(monkeypatch):
+    """A folder of this name is gone once it is listed: published or removed by another process meanwhile."""
+
+    def of(name: str) -> None:
+        gone: list = []
+
+        def scandir(path):
+            if str(path).endswith(f"/{name}") and not gone:
+                gone.append(path)
+                shutil.rmtree(path)
+            return listed(path)
+
+        listed = os.scandir
+        monkeypatch.setattr(os, "scandir", scandir)
+
+    return of
+
+
+def test_a_checkpoint_that_is_published_while_the_store_is_walked_stops_nothing(store, vanishing):
+    old = put(store, 0)
+    going = store.checkpoint_dir(**AT, stage="keypoints", key=key_of(1)) / "going"
+    going.mkdir()
+    vanishing("going")
+    assert store.gc(older_than=DAY, dry_run=False).artifacts == (str(old.address),)
+    assert not going.exists()
+
+
+@pytest.mark.parametrize("size", [Store.size, lambda store: sum(entry.bytes for entry in store.list())])
+def test_an_artifact_that_goes_while_it_is_counted_has_no_size(store, vanishing, size):
+    put(store, 0)
+    alone, going = store.size(), put(store, 1)
+    assert store.size() > alone
+    vanishing(going.key)
+    assert size(store) == alone
+
+
+def test_an_artifact_that_another_sweeps_first_is_left_to_them(store, monkeypatch):
+    ref = put(store, 0)
+    monkeypatch.setattr(sweep, "new_aside", lambda stage, purpose: (shutil.rmtree(store.folder(ref)), new_aside(stage, purpose))[1])
+    assert store.gc(older_than=DAY, dry_run=False).artifacts == (str(ref.address),)
     assert left(store) == set()
 
 

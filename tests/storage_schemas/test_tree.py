@@ -6,7 +6,7 @@ import os
 import pytest
 
 from storage_schemas import tree
-from storage_schemas.tree import files_below, sha256_of
+from storage_schemas.tree import files_below, sha256_of, size_of, stats
 
 
 def names(folder) -> list[str]:
@@ -43,6 +43,20 @@ def test_a_folder_that_goes_while_it_is_listed_has_no_files(folder, monkeypatch)
     monkeypatch.setattr(tree.os, "scandir", gone)
     assert names(folder) == ["a", "b/1", "b.txt"]
     assert names(folder / "never") == []
+
+
+def test_what_vanishes_between_the_listing_and_the_look_is_passed_over(folder, monkeypatch):
+    def gone(path):
+        if str(path).endswith("c/2"):
+            raise FileNotFoundError(path)
+        return os_stat(path)
+
+    os_stat = os.stat
+    monkeypatch.setattr(tree.os, "stat", gone)
+    assert size_of(folder) == len("b/1") + len("b.txt") + len("a")
+    assert [os.path.relpath(name, folder) for name, _ in stats(folder)] == [".", "a", "b", "b/1", "b/c", "b.txt"]
+    assert size_of(folder / "b/c") == size_of(folder / "never") == 0
+    assert size_of(folder / "b.txt") == 5
 
 
 def test_the_digest_is_that_of_the_content(folder):

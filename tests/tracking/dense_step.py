@@ -32,8 +32,9 @@ def residuals_and_weights(x, scene, instant, number, view):
                 r.append(d)
                 w.append(η * weight[q, k] / (σ**2 * (1 + (d / σ) ** 2)))
     σ = max(settings.sigma_outline, level.blur)
-    for k, f, b in zip(view.rim.camera, view.rim.face, view.rim.barycentric, strict=True):
-        u, v = project(scene.cameras.subset([k]), b @ corners[f])[0][0] - 0.5
+    rim = view.rim
+    for k, f, b, beyond in zip(rim.camera, rim.face, rim.barycentric, rim.beyond, strict=True):
+        u, v = project(scene.cameras.subset([k]), b @ corners[f] + scene.cameras.R[k].T @ beyond)[0][0] - 0.5
         width, height = instant.outlines.size[k]
         field = instant.outlines.distance[instant.outlines.offset[k] :][: width * height].reshape(height, width).astype(float)
         d = map_coordinates(field, [[v], [u]], order=1)[0]

@@ -33,7 +33,7 @@ _CLASSES = (
 )
 
 
-DECOYS = 0.2  # share of the other cases whose diagnosis must do without effects that are not there either: being without one tells nothing
+DECOYS = 0.2  # share of the cases of the other strata whose diagnosis must do without effects that are not there either
 
 
 def admissible(name: str) -> frozenset[str]:

@@ -67,7 +67,7 @@ def score(truth: Json, answer: Json | None) -> dict[str, Any]:
         each = credits(named, truth)
         row["credit"], row["found"] = float(np.mean(each)), sum(e > 0 for e in each)
         row["top1"], row["top3"] = max(credits(groups[0], truth)), max(max(credits(g, truth)) for g in groups[:3])
-        row["right"] = verdict["kind"] == "effect" and row["found"] == len(causes)
+        row["right"] = min(each) == 1.0  # a wrong name beside the right one divides its credit
         row["probability_of_truth"] = sum(e["probability"] * float(np.mean(credits(e["class"], truth))) for e in answer["ranking"])
         row["covered"] = set(causes) <= set(answer["answer_set_90"])
         row |= _strengths(truth["causes"], answer["ranking"])
@@ -93,8 +93,8 @@ def closing(
 
     before_mm: the gap that is to be closed, where it is not that of `before`.
 
-    Frames that the blind file showed do not count. `worse` only where the prediction changed: nothing is carried over where nothing was
-    named.
+    Frames that the blind file showed do not count. `worse` only where `after` is not `before`: nothing is carried over where nothing was
+    named, whatever gap is to be closed.
     """
     if prediction is None:
         return {}
@@ -106,7 +106,7 @@ def closing(
     if before_mm is not None:
         E["before"] = (before_mm / 1e3) ** 2
     row: dict[str, Any] = {"before_mm": 1e3 * E["before"] ** 0.5, "after_mm": 1e3 * E["after"] ** 0.5}
-    if E["after"] != E["before"]:
+    if not np.array_equal(prediction["after"][seen], prediction["before"][seen]):
         row["worse"] = E["after"] > 1.05 * E["before"]
     if E["before"] ** 0.5 >= CLOSABLE * floor_m:
         row["closed"] = (E["before"] - E["after"]) / (E["before"] - floor_m**2)

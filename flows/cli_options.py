@@ -1,4 +1,4 @@
-"""`--store`: how a command is told where the artifacts are, and the one way it opens them."""
+"""`--store`, `--set`, `--json`: what several commands are told alike, and the one way they open the store."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +9,8 @@ if TYPE_CHECKING:
 
 # text and no Path, which would take a slash from s3://
 Location = Annotated[str | None, Parameter(name="--store", help="Folder of the artifact store, or s3://bucket/prefix.")]
+Set = Annotated[tuple[str, ...], Parameter(name="--set", negative="", help="stage.parameter=value, any number of times.")]
+Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-readable JSON on stdout.")]
 
 
 def open_named(store: str | None) -> "Store":

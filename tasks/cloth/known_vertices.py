@@ -1,0 +1,34 @@
+"""Where a file of tracked geometry says that the garment was.
+
+A vertex that was not observed is not known, whatever number stands there: trackers write zeros, or the last place they saw. Those of the
+file's boundary are the exception: they drive the cloth, and something else than the garment's own picture may have told where they are.
+
+A fit starts from a frame that is wholly known. Where there is none, as of a tracker that says in every frame what was hidden, it is the
+frame that is known best, its gaps filled from the frames around it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.capture.tracked_geometry import TrackedGeometry
+from tasks.cloth.start_state import filled
+
+Array = NDArray[np.float64]
+
+
+def known_vertices(track: TrackedGeometry) -> Array:
+    """[T, V, 3] m, NaN where not known."""
+    known = track.observed.copy()
+    known[:, track.boundary] = True
+    return np.where(known[..., None], track.vertices, np.nan)
+
+
+def first_frame(vertices: Array, faces: NDArray[np.int32]) -> tuple[int, Array, int]:
+    """Where to start in vertices [T, V, 3] m, NaN where not known: the first whole frame, else the best known one of the first half; the
+    garment [V, 3] m there, and how many of its vertices were filled in.
+    """
+    known = np.isfinite(vertices).all(2)
+    best = int(known[: (len(known) + 1) // 2].sum(1).argmax())
+    first = int(known.all(1).argmax()) if known.all(1).any() else best
+    missing = int((~known[first]).sum())
+    return first, filled(vertices, faces)[0][first] if missing else vertices[first], missing
