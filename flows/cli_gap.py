@@ -63,7 +63,7 @@ def run(
 
     Args:
         tracks: NPZ files of tracked geometry, or folders with one OBJ or PLY per frame; all of one garment.
-        held_out: Further recordings, whose motion is looked at only when the verdict is fixed; without any, three windows of ten in each
+        held_out: Further recordings, read only when the verdict is fixed; without any, three windows of ten in each
             recording are kept.
         predict: A recording whose garment is known in its first two frames only.
         out: Where its prediction goes: NPZ with `before` (base model) and `after` (with the named effect), [T, V, 3] m.

@@ -12,7 +12,6 @@ from tasks.effects.effect import Effect
 from tasks.effects.library import library, suspects
 from tasks.effects.named import named
 from tasks.gap.garment_recordings import Garment, garment_recordings, recording
-from tasks.gap.recording_faults import recording_faults
 from tasks.geometry.faults import BadInput, Fault, refuse
 
 
@@ -37,31 +36,27 @@ class Request:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All that are read, each once."""
-        return tuple(dict.fromkeys((*self.tracks, *self.held_out, *([self.predict] if self.predict else []))))
+        """Those that are read before work starts, each once."""
+        return tuple(dict.fromkeys((*self.tracks, *([self.predict] if self.predict else []))))
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The suspects, the garment with its recordings, recordings held out, the blind one, and sentences on what the files leave in doubt."""
+    """The suspects, the garment with its recordings, the blind one, and sentences on what the files leave in doubt."""
 
     effects: tuple[Effect, ...]
     garment: Garment
-    held_out: tuple[Recording, ...]
     blind: Recording | None
     warnings: tuple[str, ...]
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """All of them."""
-        return (*self.garment.recordings, *self.held_out, *([self.blind] if self.blind else []))
+        """Those that are not held out."""
+        return (*self.garment.recordings, *([self.blind] if self.blind else []))
 
 
 def read(request: Request) -> Inputs:
-    """What a request names. Raises BadInput with everything that is wrong with any of it.
-
-    Recordings held out are read here too, for their faults; nothing else asks for them before the verdict is fixed.
-    """
+    """What a request names, but for files held out, which need only be there. Raises BadInput with everything that is wrong with any of it."""
     faults, tracks, left_out = _faults(request), {}, ()
     known = library(request.plugins)
     with _collected(faults):
@@ -71,10 +66,25 @@ def read(request: Request) -> Inputs:
             with _collected(faults):
                 tracks[path] = read_tracked_geometry(path, fps=request.fps, up=request.up)
     refuse(faults)
-    garment = _garment(request, tracks)
-    held_out, blind = _further(request, tracks, garment)
+    names = list(dict.fromkeys(request.tracks))
+    unseen = (tracks[request.predict], str(request.predict)) if request.predict else None
+    garment = garment_recordings([tracks[p] for p in names], [str(p) for p in names], blind=unseen)
+    blind = recording(tracks[request.predict], str(request.predict), garment, blind=True) if request.predict else None
     warnings = [w for p in request.files for w in tracks[p].warnings] + _chosen(garment, [tracks[p] for p in request.tracks])
-    return Inputs(tuple(suspects(e for e in known.values() if e not in left_out)), garment, held_out, blind, tuple(warnings))
+    return Inputs(tuple(suspects(e for e in known.values() if e not in left_out)), garment, blind, tuple(warnings))
+
+
+def held_out(request: Request, garment: Garment) -> tuple[list[Recording], list[str]]:
+    """Recordings held out, now read, and the warnings of their files. Raises BadInput with everything that is wrong with any of them."""
+    faults: list[Fault] = []
+    found, warnings = [], []
+    for path in request.held_out:
+        with _collected(faults):
+            track = read_tracked_geometry(path, fps=request.fps, up=request.up)
+            warnings += track.warnings
+            found.append(recording(track, str(path), garment))
+    refuse(faults)
+    return found, warnings
 
 
 @contextmanager
@@ -84,31 +94,6 @@ def _collected(faults: list[Fault]) -> Iterator[None]:
         yield
     except BadInput as bad:
         faults += bad.faults
-
-
-def _garment(request: Request, tracks: dict[Path, TrackedGeometry]) -> Garment:
-    """Raises BadInput with what is wrong with any file, by itself or beside the first."""
-    names, found = list(dict.fromkeys(request.tracks)), []
-    faults = [f for p in request.held_out for f in recording_faults(tracks[p], str(p), first=tracks[names[0]])]
-    unseen = (tracks[request.predict], str(request.predict)) if request.predict else None
-    with _collected(faults):
-        found.append(garment_recordings([tracks[p] for p in names], [str(p) for p in names], blind=unseen))
-    refuse(faults)
-    return found[0]
-
-
-def _further(request: Request, tracks: dict[Path, TrackedGeometry], garment: Garment) -> tuple[tuple[Recording, ...], Recording | None]:
-    """Recordings held out, and the blind one. Raises BadInput where one does not say how the garment is driven."""
-    faults: list[Fault] = []
-    held_out, blind = [], None
-    for path in request.held_out:
-        with _collected(faults):
-            held_out.append(recording(tracks[path], str(path), garment))
-    if request.predict:
-        with _collected(faults):
-            blind = recording(tracks[request.predict], str(request.predict), garment, blind=True)
-    refuse(faults)
-    return tuple(held_out), blind
 
 
 def _chosen(garment: Garment, tracks: Sequence[TrackedGeometry]) -> list[str]:
@@ -121,9 +106,11 @@ def _faults(request: Request) -> list[Fault]:
     """What is wrong with the request, files unread."""
     faults = [
         Fault(str(p), "there is no such file or folder", "Give an NPZ of tracked geometry, or a folder of meshes.")
-        for p in request.files
+        for p in (*request.files, *request.held_out)
         if not p.exists()
     ]
+    twice = [p for p in request.held_out if p in request.tracks]
+    faults += [Fault(f"--held-out {p}", "is also a recording to learn from", "Hold out another.") for p in twice]
     if not request.tracks:
         faults.append(Fault("gap run", "names no recording", "Give at least one NPZ or folder."))
     if (request.predict is None) != (request.out is None):

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tasks.cloth.base_parameters import moved
 from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.state_modes import smooth_modes
+from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import PREDICTED, Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
@@ -92,7 +93,8 @@ def diagnose(
     abreast: int = 1,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """The whole diagnosis of one garment. `held_out` is called, and its recordings first looked at, when the verdict is fixed.
+    """The whole diagnosis of one garment. `held_out` is called, and its recordings first read, when the verdict is fixed; where
+    there are none, no claim on motion kept out is made.
 
     contact_doubt [m]: where contact may hold the cloth wrongly because the mesh is coarse. abreast: threads that may ask `run` at a time.
     """
@@ -137,9 +139,14 @@ def diagnose(
     tell("held-out windows")
     kept = held
     if held_out is not None:
-        further = gather(screened.base.model, held_out(), run).correlated(correlation).cut(length_s, fps)
-        kept = unwrinkled(screened.base.model, further, φ, run)
+        further = held_out()
+        kept = _kept_apart(screened.base.model, further, correlation, length_s, φ, run) if further else None
     return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), train)
+
+
+def _kept_apart(model: Model, recordings: Sequence[Recording], correlation: Correlation, length_s: float, φ: Array, run: Map) -> Gathered:
+    """Windows of recordings held out."""
+    return unwrinkled(model, gather(model, recordings, run).correlated(correlation).cut(length_s, model.subject.fps), φ, run)
 
 
 def _taught(data: Gathered, apart: bool) -> tuple[Gathered, Gathered | None]:

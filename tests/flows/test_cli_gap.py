@@ -63,31 +63,47 @@ def ended(files, untestable, monkeypatch, tmp_path, capsys):
     return run
 
 
-def test_recordings_held_out_are_checked_before_work_and_shown_to_nobody_before_the_verdict(files, monkeypatch):
-    """A file of another rate had ended the diagnosis when it was done."""
+def test_files_held_out_are_read_once_the_verdict_is_fixed(files, monkeypatch):
+    """What is wrong with one had ended the diagnosis when it was done."""
     folder, *_ = files
-    given = []
+    read, given, said = [], [], []
+    real = gap_inputs.read_tracked_geometry
+    monkeypatch.setattr(gap_inputs, "read_tracked_geometry", lambda path, **k: (read.append(path.name), real(path, **k))[1])
 
     def work(*_, held_out, **__):
-        given.append(held_out)
+        given.extend((list(read), held_out()))
         raise StopIteration
 
     monkeypatch.setattr(gap, "diagnose", work)
-    with pytest.raises(BadInput) as refused:
-        gap.run(gap.Request((folder / "track.npz",), held_out=(folder / "slow.npz",), predict=folder / "slow.npz", out=folder / "p"))
-    assert not given and len(refused.value.faults) == 2 and "slow.npz: fps: 20" in str(refused.value)
-    with pytest.raises(StopIteration):
-        gap.run(gap.Request((folder / "track.npz",), held_out=(folder / "held.npz",)))
-    (ask,) = given
-    assert [len(r) for r in ask()] == [12]
+    for name in ("held.npz", "slow.npz"):
+        with pytest.raises(StopIteration):
+            gap.run(gap.Request((folder / "track.npz",), held_out=(folder / name,)), warn=said.append)
+    before, kept, before_slow, kept_slow = given
+    assert before == ["track.npz"] and before_slow.count("slow.npz") == 0
+    assert [len(r) for r in kept] == [12] and kept_slow == []
+    assert any("held.npz: the key 'colour'" in w for w in said)
+
+
+def test_a_faulty_file_held_out_leaves_the_answer(ended, untestable, monkeypatch):
+    """Without a claim on motion kept out."""
+    monkeypatch.setattr(gap, "diagnose", lambda *_, held_out, **__: (held_out(), untestable)[1])
+    code, out, err = ended("--held-out", "slow.npz", "--json")
+    assert code == 1 and json.loads(out)["verdict"]["kind"] == "not_testable"
+    assert "nothing was held out" in err and "slow.npz: fps: 20" in err
+
+
+def test_a_recording_to_learn_from_cannot_be_held_out(files):
+    folder, *_ = files
+    with pytest.raises(BadInput, match="is also a recording to learn from"):
+        gap.read(gap.Request((folder / "track.npz",), held_out=(folder / "track.npz",)))
 
 
 def test_what_the_files_leave_in_doubt_is_told(files, tmp_path):
-    """Of files that are held out or blind too, and how the garment is held where no file says it; not how a fit would be made."""
+    """Of a blind file too, and how the garment is held where no file says it; not how a fit would be made."""
     folder, model, recording = files
-    request = gap.Request((folder / "track.npz",), held_out=(folder / "held.npz",), predict=folder / "blind.npz", out=folder / "p")
+    request = gap.Request((folder / "track.npz",), predict=folder / "blind.npz", out=folder / "p")
     told = gap.read(request).warnings
-    assert [next(w for w in told if key in w) for key in ("held.npz: the key 'colour'", "blind.npz: the key 'texture'")]
+    assert any("blind.npz: the key 'texture'" in w for w in told)
     write(tmp_path / "free.npz", model, recording, boundary=np.zeros(0, int))
     free = gap.read(gap.Request((tmp_path / "free.npz",)))
     assert [w.split(";")[0] for w in free.warnings if w.startswith("boundary")] == ["boundary: none"]

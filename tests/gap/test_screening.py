@@ -73,3 +73,9 @@ def test_where_no_window_can_be_followed_shorter_ones_are_asked_and_then_it_is_s
     found = diagnose(model, [recording], [LIBRARY["air_normal_drag"]], quick=True, tell=told.append).verdict
     assert [text for text in told if "windows of" in text] == ["8 windows of 0.19 s", "9 windows of 0.18 s"]
     assert found.kind == "not_testable" and found.reason == "the simulation can follow only 0 windows of the recording"
+
+
+def test_where_recordings_held_out_cannot_be_had_no_claim_is_made():
+    model, recording, *_ = swung(46, noise=1e-3)
+    found = diagnose(model, [recording], [LIBRARY["air_normal_drag"]], quick=True, held_out=list)
+    assert found.verdict.kind in ("effect", "none", "outside_library") and not found.shrinkage.held_out
