@@ -126,7 +126,7 @@ class Answered:
         """The page, and the answer with its evidence beside it."""
         from tasks.report.gap_page import gap_report, subtitle
 
-        recordings, own = self.work.garment.recordings, not self.request.held_out
+        recordings, own = self.work.garment.recordings, not self.request.held_out or bool(self.unread)
         line = subtitle([p.name for p in self.request.tracks], self.told)
         html, numbers = gap_report(self.told, self.found, recordings, title="Gap diagnosis", subtitle=line, own=own)
         replace_file(page, html)

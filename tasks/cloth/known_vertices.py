@@ -23,12 +23,16 @@ def known_vertices(track: TrackedGeometry) -> Array:
     return np.where(known[..., None], track.vertices, np.nan)
 
 
-def first_frame(vertices: Array, faces: NDArray[np.int32]) -> tuple[int, Array, int]:
-    """Where to start in vertices [T, V, 3] m, NaN where not known: the first whole frame, else the best known one of the first half; the
-    garment [V, 3] m there, and how many of its vertices were filled in.
-    """
-    known = np.isfinite(vertices).all(2)
-    best = int(known[: (len(known) + 1) // 2].sum(1).argmax())
-    first = int(known.all(1).argmax()) if known.all(1).any() else best
-    missing = int((~known[first]).sum())
-    return first, filled(vertices, faces)[0][first] if missing else vertices[first], missing
+def first_frame(vertices: Array) -> int:
+    """Where to start in vertices [T, V, 3] m, NaN where not known: the first whole frame, else the best known one of the first half."""
+    known = np.isfinite(vertices).all(2).sum(1)
+    whole = np.flatnonzero(known == vertices.shape[1])
+    return int(whole[0] if len(whole) else known[: (len(known) + 1) // 2].argmax())
+
+
+def from_whole(vertices: Array, faces: NDArray[np.int32], first: int) -> tuple[Array, int]:
+    """The frames from the first one on [T, V, 3] m, that one filled in from those around it, and how many of its vertices were."""
+    missing = int((~np.isfinite(vertices[first]).all(1)).sum())
+    if not missing:
+        return vertices[first:], 0
+    return np.concatenate([filled(vertices, faces)[0][first : first + 1], vertices[first + 1 :]]), missing

@@ -24,7 +24,7 @@ from tasks.cloth.collider import deepest_poke, explained, fitted_collider
 from tasks.cloth.driven_motion import WornRest, quieted
 from tasks.cloth.frame_rate import FEWEST
 from tasks.cloth.garment import weighed
-from tasks.cloth.known_vertices import first_frame, known_vertices
+from tasks.cloth.known_vertices import first_frame, from_whole, known_vertices
 from tasks.cloth.perseverance import PATIENT, Patience
 from tasks.cloth.scene import Scene
 from tasks.cloth.start import start_velocity
@@ -74,14 +74,14 @@ def tracked_scene(
     """
     track = replace(track, vertices=known_vertices(track))
     refuse(_faults(track, name, driver, frames, fabric))
-    first, start, missing = first_frame(track.vertices, track.faces)
+    first = first_frame(track.vertices)
     cut = slice(first, None if frames is None else first + frames + 1)
-    known = track.vertices[cut]
-    x = np.concatenate([start[None], known[1:]])
+    x, missing = from_whole(track.vertices, track.faces, first)
+    x = x[: None if frames is None else frames + 1]
     fabric = replace(fabric, **{k: float(v) for k, v in track.base.items()})
     body = None if track.collider_vertices is None else track.collider_vertices[cut]
     nodes, chosen = _nodes(track, x, body, name)
-    refuse([*_driven_faults(known, nodes, first, name), *_free_faults(nodes, x.shape[1], name)])
+    refuse([*_driven_faults(track.vertices[cut], nodes, first, name), *_free_faults(nodes, x.shape[1], name)])
     cloth = _cloth(track, x[0], nodes)
     fabric = weighed(fabric, [cloth], track.mass_kg)
     measured = track.noise_m is not None or track.noise_cov is not None
@@ -129,7 +129,7 @@ def _faults(track: TrackedGeometry, name: str, driver: Driver, frames: int | Non
     elif len(never):
         what = f"{len(never)} of {known.shape[1]} are never seen, the first is vertex {never[0]}"
         faults.append(Fault(f"{name}: vertices", what, "Cut the mesh to what was tracked, or give them in at least one frame."))
-    elif (left := len(known) - first_frame(track.vertices, track.faces)[0]) < FEWEST_FRAMES:
+    elif (left := len(known) - first_frame(track.vertices)) < FEWEST_FRAMES:
         faults.append(Fault(f"{name}: vertices", f"{left} frames from the one to start from on", f"Give at least {FEWEST_FRAMES}."))
     elif frames is not None and frames + 1 < FEWEST_FRAMES:
         what = f"{frames + 1} frames from the one to start from on, as many as are asked for"

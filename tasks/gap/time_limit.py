@@ -1,6 +1,6 @@
 """How long one simulation of a diagnosis may take before it counts as hung.
 
-    limit = limit of a second · max(1, T/fps)        T frames of the longest recording
+    limit = limit of a second · max(1, T/fps)        T frames of the longest recording that is known when it begins
 
 Windows last a third of a second, but states, replays and what is predicted blind go through a whole recording in one computation, so what
 is too long for a window is not for these.
