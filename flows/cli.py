@@ -19,7 +19,7 @@ from cyclopts.exceptions import CycloptsError
 from rich.console import Console
 from rich.table import Table
 
-from flows.cli_options import Json, Location, Set
+from flows.cli_options import Json, Location, Set, open_named
 from flows.endings import CANCELLED, OK, STAGE_FAILED, Refused, ending_of
 
 # One BLAS thread per process: garments, cameras and candidates run side by side instead, and sums come out in one order.
@@ -91,16 +91,14 @@ def submit(
     from flows.submission import Submission
 
     submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR)
-    if not wait and not service:
-        submission.check()
-        return _in_background(
-            ["submit", actor, *_options({"--sequence": [sequence], "--until": [until], "--set": set_, "--store": [store]})]
-        )
+    if wait and not service:
+        return _show_ending(submission.run(), json_)
+    submission.check()
     if service:
         from flows.service.hand_over import hand_over
 
         return _print_json({"flow_run": hand_over(submission.request, submission.store, wait=wait)})
-    return _show_ending(submission.run(), json_)
+    return _in_background(["submit", actor, *_options({"--sequence": [sequence], "--until": [until], "--set": set_, "--store": [store]})])
 
 
 @app.command
@@ -131,7 +129,7 @@ def plan(
     from flows.request import plan_actor
     from flows.submission import Submission
 
-    submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR, renders=False)
+    submission = Submission.prepare(actor, sequence, until=until, overrides=set_, store=store, console=ERR, makes=False)
     planned = plan_actor(submission.request, submission.store)
     if json_:
         return _print_json([vars(p) for p in planned])
@@ -275,9 +273,10 @@ def _settings(store: str | None, overrides: tuple[str, ...] = ()) -> Any:
 
 
 def _store_root(store: str | None) -> Path:
+    """Where runs are recorded. A store that nobody names with --store need not be there: then there have been no runs yet."""
     from storage_schemas.object_store import open_store
 
-    return open_store(_settings(store).store).root
+    return (open_store(_settings(None).store, founds=False) if store is None else open_named(store)).root
 
 
 def _options(values: Mapping[str, Iterable[str | None]]) -> list[str]:

@@ -13,6 +13,7 @@ from flows.cli_options import Json, Location, open_named
 from flows.endings import OK, STAGE_FAILED, Refused
 from storage_schemas.reference import Address
 from storage_schemas.store import Store
+from tasks.geometry.faults import Fault, refuse
 
 app = App(name="artifacts", help="Look into the store: ls, show, verify, gc, pin, unpin.")
 
@@ -73,6 +74,9 @@ def gc(*, older_than_days: float = 7.0, dry_run: bool = False, store: Location =
         older_than_days: Keep what somebody asked for within so many days.
         dry_run: Only say what would be removed.
     """
+    most = timedelta.max.days
+    if not 0 <= older_than_days <= most:  # nan is none either
+        refuse([Fault(f"--older-than-days {older_than_days:g}", "it is no age", f"Give a number of days, 0 to {most}.")])
     swept = open_named(store).gc(older_than=timedelta(days=older_than_days), dry_run=dry_run)
     return _print(swept.model_dump(mode="json")) if json_ else (Console().print(swept), OK)[1]
 

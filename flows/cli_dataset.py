@@ -91,15 +91,14 @@ def report(out: Path, *, store: Location = None) -> int:
     """
     from flows.dataset_report import write_dataset_report
 
-    settings = load(places={"store": store})
-    opened = open_store(settings.store)
-    return _print({"written": str(write_dataset_report(out, opened, find_sequences(Path(settings.data))))})
+    sequences = find_sequences(Path(load().data))
+    return _print({"written": str(write_dataset_report(out, open_named(store), sequences))})
 
 
 def _standings(settings: Any) -> Iterator[Standing]:
     from flows.service.deployed import SERVICE
 
-    store = open_store(settings.store)
+    store = open_store(settings.store, founds=False)
     return plan_dataset(find_sequences(Path(settings.data)), lambda at: SERVICE.request(at, settings, store), store)
 
 

@@ -1,4 +1,4 @@
-"""`--store`, `--set`, `--json`: what several commands are told alike, and the one way they open the store."""
+"""`--store`, `--set`, `--json`: what several commands are told alike, and the one way they open a store to look into it."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +14,12 @@ Json = Annotated[bool, Parameter(name="--json", negative="", help="Machine-reada
 
 
 def open_named(store: str | None) -> "Store":
-    """The store at this place, else at the configured one. Raises BadInput, NewerFormat, Corrupt."""
+    """The store that there is at this place, else at the configured one; makes none. Raises BadInput, StoreFault."""
     from flows.config import load
     from storage_schemas.object_store import open_store
+    from tasks.geometry.faults import Fault, refuse
 
-    return open_store(load(places={"store": store}).store)
+    opened = open_store(load(places={"store": store}).store, founds=False)
+    remedy = "Name another place with --store or PHYSAVATAR_STORE; `physavatar submit` makes one."
+    refuse([] if opened.is_founded() else [Fault(opened.location, "there is no store", remedy)])
+    return opened

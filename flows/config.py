@@ -33,7 +33,7 @@ from tasks.geometry.faults import BadInput, Fault
 from tasks.stage import Folder, Parameters
 
 CONFIG_FILE, PREFIX = "physavatar.toml", "PHYSAVATAR_"
-NO_SETTINGS = frozenset(f"{PREFIX}{name}" for name in ("CONFIG", "REAL_DATA", "CACHE", "HOME"))
+NO_SETTINGS = frozenset(f"{PREFIX}{name}" for name in ("AUTH", "CONFIG", "REAL_DATA", "CACHE", "HOME"))  # AUTH: deploy/compose.yaml
 Place = Annotated[Path | str, BeforeValidator(lambda at: at if "://" in str(at) else Path(at))]
 
 
@@ -75,8 +75,9 @@ Settings = create_model("Settings", __base__=_Places, **_TABLES)
 
 def load(overrides: Iterable[str] = (), *, file: Path | None = None, places: Mapping[str, Any] | None = None) -> Any:
     """The settings in force; `overrides` are flags of the form `stage.parameter=value`, `places` flags such as the store."""
-    file = file or _file()
-    values: dict[str, Any] = _read_toml(file) if file.exists() else {}
+    named = file or _named_file()
+    file = named or Path(CONFIG_FILE)
+    values: dict[str, Any] = _read_toml(file) if named or file.exists() else {}
     for source, text in (*_environment(), *((f"--set {flag}", flag) for flag in overrides)):
         _assign(values, source, text)
     values |= {name: value for name, value in (places or {}).items() if value is not None}
@@ -109,7 +110,8 @@ def _default(values: dict[str, Any], table: str, name: str, value: Any) -> None:
 
 def places_of(settings: Any) -> dict[str, str]:
     """Environment variables by which `load` finds the same file and the same paths from any working directory."""
-    places = {"config": _file(), **dict(_paths(settings))}
+    file = _named_file() or Path(CONFIG_FILE)
+    places = ({"config": file} if file.exists() else {}) | dict(_paths(settings))
     return {f"{PREFIX}{name.upper()}": str(place.resolve() if isinstance(place, Path) else place) for name, place in places.items()}
 
 
@@ -123,8 +125,9 @@ def _paths(settings: Any) -> Iterator[tuple[str, Path | str]]:
             yield from ((f"{name}__{within}", path) for within, path in value if isinstance(path, Path) and within not in own)
 
 
-def _file() -> Path:
-    return Path(os.environ.get(f"{PREFIX}CONFIG", CONFIG_FILE))
+def _named_file() -> Path | None:
+    named = os.environ.get(f"{PREFIX}CONFIG")
+    return Path(named) if named else None
 
 
 def _read_toml(file: Path) -> dict[str, Any]:
@@ -132,10 +135,14 @@ def _read_toml(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInput([Fault(str(file), f"it is not valid TOML ({error})", "Mend the line named.")]) from None
+    except OSError as error:
+        remedy = f"Name a file of settings with {PREFIX}CONFIG, or leave that unset."
+        raise BadInput([Fault(str(file), f"it cannot be read ({error.strerror})", remedy)]) from None
 
 
 def _environment() -> list[tuple[str, str]]:
-    known = {n for n in os.environ if n.startswith(PREFIX)} - NO_SETTINGS
+    """Of what is set: a variable that a shell or a compose file leaves empty is not."""
+    known = {n for n, text in os.environ.items() if n.startswith(PREFIX) and text} - NO_SETTINGS
     return [(n, n.removeprefix(PREFIX).lower().replace("__", ".") + "=" + os.environ[n]) for n in sorted(known)]
 
 

@@ -22,7 +22,7 @@ from storage_schemas.durable import make_folders, replace_file
 from storage_schemas.key import canonical_json
 from storage_schemas.reference import ArtifactRef, name_faults
 from storage_schemas.store import Store
-from tasks.stage import SEALED, Parameters, Stage
+from tasks.stage import SEALED, Count, NotNegative, Parameters, Stage
 
 State = Literal["finished", "new", "changed", "unfinished", "refused"]
 
@@ -32,10 +32,10 @@ class DatasetParameters(Parameters):
     and rendering, which use no GPU yet; store_gb: quota of the store; keep_free_gb: disk space that stays free; until: last stage.
     """
 
-    in_flight: int = 4
-    gpu_hours: float | None = None
-    store_gb: float | None = None
-    keep_free_gb: float = 5.0
+    in_flight: Count = 4
+    gpu_hours: NotNegative | None = None
+    store_gb: NotNegative | None = None
+    keep_free_gb: NotNegative = 5.0
     until: str = "report"
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 from rich.console import Console
 from rich.progress import Progress
 
@@ -17,7 +18,7 @@ from storage_schemas.registration import Registration
 from storage_schemas.store import Store
 from storage_schemas.tracking import Tracking
 from tasks.exam.scorer.demo import demo_scores
-from tasks.stage import Parameters
+from tasks.stage import Count, Parameters
 
 DEMO, SEQUENCE = "demo", "Sequence1"
 PLANTED = "air_normal_drag"  # the garments move in air, which the base model lacks
@@ -28,11 +29,11 @@ COMPARED = ("body", "tracking", "registration", "cloth", "appearance", "gap")
 class DemoParameters(Parameters):
     """Size of the demo recording. Another size wants another data folder: a recording is never overwritten."""
 
-    cameras: int = 8
-    frames: int = 30
-    size: int = 512
-    spp: int = 16
-    seed: int = 2026
+    cameras: int = Field(default=8, ge=2)
+    frames: int = Field(default=30, ge=2)
+    size: Count = 512
+    spp: Count = 16
+    seed: int = Field(default=2026, ge=0)
 
 
 def ensure_demo(data: Path, parameters: DemoParameters, console: Console) -> None:

@@ -235,7 +235,7 @@ def ask(folder: Folder, number: int, rivals: Sequence[str]) -> None:
 
 @contextmanager
 def examined(folder: Folder, number: int, command: Sequence[str], options: Sequence[str]) -> Iterator[tuple[Path, str, str]]:
-    """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout, none if it failed, and stderr."""
+    """A command on a copy of a case's recordings in a folder of its own, which lasts for the block; with its stdout and stderr."""
     case = folder.case(number)
     withheld = case / "withheld"
     without = [word for name in withheld.read_text().split() for word in ("--without", name)] if withheld.exists() else []
@@ -243,8 +243,8 @@ def examined(folder: Folder, number: int, command: Sequence[str], options: Seque
         for name in OPEN_FILES:
             (Path(place) / name).write_bytes((case / name).read_bytes())
         files = [*OPEN_FILES[:2], "--predict", OPEN_FILES[2]]
-        text, errors, code = run_apart([sys.executable, "-m", "flows.exam_candidate", *command, *files, *options, *without], Path(place))
-        yield Path(place), text if code == 0 else "", errors
+        text, errors, _ = run_apart([sys.executable, "-m", "flows.exam_candidate", *command, *files, *options, *without], Path(place))
+        yield Path(place), text, errors
 
 
 def mark(folder: Folder, number: int, rival: str | None = None, before_mm: float | None = None) -> Row:
@@ -333,7 +333,7 @@ def answers(rival: Rival, number: int) -> bool:
 
 
 def _parsed(text: str) -> Row | None:
-    """The answer on stdout; None if it is not JSON of version 1."""
+    """The answer on stdout, whole and thus given, whatever failed after it; None if it is not JSON of version 1."""
     try:
         answer = json.loads(text)
     except ValueError:

@@ -66,9 +66,8 @@ def read(request: Request) -> Inputs:
             with _collected(faults):
                 tracks[path] = read_tracked_geometry(path, fps=request.fps, up=request.up)
     refuse(faults)
-    names = list(dict.fromkeys(request.tracks))
     unseen = (tracks[request.predict], str(request.predict)) if request.predict else None
-    garment = garment_recordings([tracks[p] for p in names], [str(p) for p in names], blind=unseen)
+    garment = garment_recordings([tracks[p] for p in request.tracks], [str(p) for p in request.tracks], blind=unseen)
     blind = recording(tracks[request.predict], str(request.predict), garment, blind=True) if request.predict else None
     warnings = [w for p in request.files for w in tracks[p].warnings] + _chosen(garment, [tracks[p] for p in request.tracks])
     return Inputs(tuple(suspects(e for e in known.values() if e not in left_out)), garment, blind, tuple(warnings))
@@ -109,8 +108,7 @@ def _faults(request: Request) -> list[Fault]:
         for p in (*request.files, *request.held_out)
         if not p.exists()
     ]
-    twice = [p for p in request.held_out if p in request.tracks]
-    faults += [Fault(f"--held-out {p}", "is also a recording to learn from", "Hold out another.") for p in twice]
+    faults += _same_file_faults(request)
     if not request.tracks:
         faults.append(Fault("gap run", "names no recording", "Give at least one NPZ or folder."))
     if (request.predict is None) != (request.out is None):
@@ -119,6 +117,38 @@ def _faults(request: Request) -> list[Fault]:
     if request.report is not None and request.report.suffix != ".html":
         faults.append(Fault(f"--report {request.report}", "does not end in .html", "Name an HTML page; its JSON goes beside it."))
     return faults + ([] if request.report is None else _place_faults("--report", request.report))
+
+
+def _same_file_faults(request: Request) -> list[Fault]:
+    """One file by two names: a recording twice, one both learnt from and held out, and what would be written over another."""
+    faults: list[Fault] = []
+    learnt: dict[Path, Path] = {}
+    held: dict[Path, Path] = {}
+    for option, paths, known in (("", request.tracks, learnt), ("--held-out ", request.held_out, held)):
+        for path in filter(Path.exists, paths):
+            file = path.resolve()
+            if file in known:
+                faults.append(Fault(f"{option}{path}", f"is the same recording as {known[file]}", "Name each recording once."))
+            elif file in learnt:
+                faults.append(Fault(f"{option}{path}", f"is also a recording to learn from, {learnt[file]}", "Hold out another."))
+            known.setdefault(file, path)
+    taken = {path.resolve(): str(path) for path in (*request.files, *request.held_out) if path.exists()}
+    for option, said, path in _written(request):
+        file = path.resolve()
+        if file in taken:
+            faults.append(Fault(option, f"{said}would overwrite {taken[file]}", "Choose another place."))
+        taken.setdefault(file, option)
+    return faults
+
+
+def _written(request: Request) -> list[tuple[str, str, Path]]:
+    """Every file to be written: the option, what it is beside what the option names, and where."""
+    found = [] if request.out is None else [(f"--out {request.out}", "", request.out)]
+    page = request.report
+    if page is None or page.suffix != ".html":
+        return found
+    beside = page.with_suffix(".json")
+    return [*found, (f"--report {page}", "", page), (f"--report {page}", f"the JSON beside it, {beside}, ", beside)]
 
 
 def _place_faults(option: str, path: Path) -> list[Fault]:

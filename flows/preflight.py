@@ -12,7 +12,9 @@ from tasks.capture.recording import Recording
 from tasks.capture.template import Template, read_template
 from tasks.cloth.tracked_scene import FEWEST_FRAMES
 from tasks.geometry.faults import BadInput, Fault, refuse
-from tasks.geometry.parts import SKIN, part_faults
+from tasks.geometry.parts import SKIN
+
+FEWEST_CAMERAS = 2
 
 
 def preflight(settings: Any, until: str) -> None:
@@ -22,7 +24,7 @@ def preflight(settings: Any, until: str) -> None:
     checks: dict[str, Callable[[Any], None]] = {"keypoints": _detector, "body": _body_model}
     try:
         recording, template = _recording(settings)
-        faults += [] if template is None else part_faults(template.part, str(recording.template))
+        faults += _too_few_cameras(recording) if len(wanted) > 1 else []
         faults += _appearance(recording, settings.appearance) if "appearance" in wanted else []
         _surface(recording, template, wanted)
     except BadInput as bad:
@@ -58,6 +60,13 @@ def _surface(recording: Recording, template: Template | None, wanted: list[str])
         raise BadInput([Fault(where, f"{len(recording.frames)} frames tell nothing of how cloth moves", remedy)])
 
 
+def _too_few_cameras(recording: Recording) -> list[Fault]:
+    found = len(recording.cameras)
+    remedy = f"Record with {FEWEST_CAMERAS} or more, select more of them (capture.cameras), or stop earlier: --until capture."
+    what = f"there is {found} camera, and nothing in space can be told from one"
+    return [Fault(str(recording.root), what, remedy)] if found < FEWEST_CAMERAS else []
+
+
 def _appearance(recording: Recording, asked: AppearanceParameters) -> list[Fault]:
     """What pictures without masks, or cameras that cannot be drawn, would say after hours: appearance comes last."""
     where, earlier = str(recording.root), "or stop earlier: --until gap, or --until cloth."
@@ -68,14 +77,21 @@ def _appearance(recording: Recording, asked: AppearanceParameters) -> list[Fault
 
 
 def _detector(settings: Any) -> None:
+    from tasks.capture.stage import read_recording
     from tasks.keypoints.detector import Detector
+    from tasks.keypoints.keypoint_files import read_keypoints
 
-    if settings.keypoints.file is None:
-        Detector.load(Path(settings.keypoints.model))
-    elif not Path(settings.keypoints.file).exists():
-        raise BadInput(
-            [Fault(str(settings.keypoints.file), "no such file or folder", "Point keypoints.file at detections, or leave the setting out.")]
-        )
+    asked = settings.keypoints
+    if asked.file is None:
+        Detector.load(Path(asked.model))
+        return
+    if not Path(asked.file).exists():
+        raise BadInput([Fault(str(asked.file), "no such file or folder", "Point keypoints.file at detections, or leave the setting out.")])
+    try:
+        recording = read_recording(settings.capture)
+    except BadInput:  # told already, and without it nobody knows whose keypoints these should be
+        return
+    read_keypoints(asked.file, recording.cameras.names, frames=len(recording.frames), pixel_centre=asked.pixel_centre)
 
 
 def _body_model(settings: Any) -> None:

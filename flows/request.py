@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from flows.line import Line
-from flows.runs import RunRecord
+from flows.runs import RunRecord, StageReport
+from storage_schemas.capture import Capture
+from storage_schemas.provenance import Provenance
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from tasks.stage import Stage
@@ -24,12 +26,12 @@ class Request:
     scores: Callable[[dict[str, ArtifactRef]], dict[str, Any] | None] = lambda artifacts: None
 
     def parameters(self, stage: Stage, done: dict[str, ArtifactRef], store: Store) -> Any:
-        """The parameters of one stage; the report is also told what was scored and what each stage before it took."""
+        """The parameters of one stage; the report is also told what was scored, what each stage before it took and what it warned of."""
         parameters = getattr(self.settings, stage.name)
         if stage.name != "report":
             return parameters
-        spent = {name: {"seconds": round(store.provenance(ref).seconds, 1), "key": ref.key} for name, ref in done.items()}
-        return parameters.model_copy(update={"scores": self.scores(done), "stages": spent})
+        told = {name: _told(ref, store.provenance(ref)) for name, ref in done.items()}
+        return parameters.model_copy(update={"scores": self.scores(done), "stages": told})
 
     @property
     def recording(self) -> Path:
@@ -87,8 +89,24 @@ def run_stage(
             {name: ref.model_dump(mode="json") for name, ref in inputs.items()},
             parameters.model_dump(mode="json"),
         ).result()
+        ref = ArtifactRef.model_validate(result["ref"])
+        if result["cached"]:
+            tell_kept_warnings(report, stage, ref, store)
         report.done(cached=result["cached"], seconds=0.0 if result["cached"] else result["seconds"])
-    return ArtifactRef.model_validate(result["ref"])
+    return ref
+
+
+def tell_kept_warnings(report: StageReport, stage: Stage, ref: ArtifactRef, store: Store) -> None:
+    """What was warned of when the artifact was made: its provenance knows, and a capture itself, whose provenance may be from before it did."""
+    own = store.open(ref, Capture).warnings if stage.writes is Capture else ()
+    for said in dict.fromkeys((*store.provenance(ref).reasons, *own)):
+        report.warn(said)
+
+
+def _told(ref: ArtifactRef, origin: Provenance) -> dict[str, Any]:
+    """Without warnings nothing is said of them: reports from before they were kept are found again."""
+    told = {"seconds": round(origin.seconds, 1), "key": ref.key}
+    return told | {"warnings": list(origin.reasons)} if origin.reasons else told
 
 
 def _why(fields: dict[str, Any], before: ArtifactRef | None, store: Store) -> str:

@@ -15,7 +15,7 @@ from flows.endings import Refused, ending_of, state_of
 from flows.pipeline import AVATAR, STAGES
 from flows.preflight import preflight
 from flows.progress import bars
-from flows.request import Planned, Request, plan_actor
+from flows.request import Planned, Request, plan_actor, tell_kept_warnings
 from flows.runs import RunRecord
 from storage_schemas.durable import require_room
 from storage_schemas.object_store import open_store
@@ -76,14 +76,15 @@ class Submission:
         overrides: Sequence[str],
         store: Path | str | None,
         console: Console,
-        renders: bool = True,
+        makes: bool = True,
     ) -> "Submission":
-        """Resolve names and settings; refuses what cannot be, before any work. renders: the demo's recording is made where it is not there yet."""
+        """Resolve names and settings; refuses what cannot be, before any work. makes: the demo's recording and the store, where they are not
+        there yet."""
         validate_name(actor, "actor")
         if until not in STAGES:
             raise Refused(f"there is no stage {until!r}; the stages are {', '.join(STAGES)}")
         settings = load(overrides, places={"store": store})
-        if actor == DEMO and renders:
+        if actor == DEMO and makes:
             ensure_demo(Path(settings.data), settings.demo, console)
         if settings.capture.recording is None:
             sequence, recording = _find_recording(Path(settings.data), actor, sequence)
@@ -91,7 +92,7 @@ class Submission:
         else:  # it lies elsewhere, under any name
             sequence = sequence or Path(settings.capture.recording).name
             validate_name(sequence, "sequence")
-        opened = open_store(settings.store)
+        opened = open_store(settings.store, founds=makes)
         scores = partial(compare_with_truth, Path(settings.data), opened) if actor == DEMO else lambda artifacts: None
         return cls(Request(actor, sequence, settings, AVATAR, until, scores), opened, console)
 
@@ -128,6 +129,7 @@ class Submission:
             with record.stage(stage.stage, stage.key) as report:
                 found[stage.stage] = ref
                 self.store.set_latest(ref)
+                tell_kept_warnings(report, STAGES[stage.stage], ref, self.store)
                 report.done(cached=True, seconds=0.0)
         return found
 

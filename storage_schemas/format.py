@@ -14,11 +14,15 @@ from storage_schemas.faults import Corrupt, Fault, NewerFormat
 FILE, FORMAT = "STORE_VERSION", 1
 
 
-def check_format(root: Path) -> None:
-    """Makes a new or empty `root` a store of this format. Raises NewerFormat, Corrupt."""
+def check_format(root: Path, *, founds: bool) -> None:
+    """Makes a new or empty `root` a store of this format, if it is to be founded. Raises NewerFormat, Corrupt."""
     marker = root / FILE
     if not marker.exists():
-        _found_store(root, marker)
+        if founds:
+            make_folders(root)
+        _refuse_foreign(root, marker)
+        if founds:
+            replace_file(marker, json.dumps({"format": FORMAT}).encode())
         return
     try:
         written = int(json.loads(marker.read_text())["format"])
@@ -31,9 +35,8 @@ def check_format(root: Path) -> None:
         raise NewerFormat(Fault(str(marker), what, "upgrade physavatar on this machine, or use another store"))
 
 
-def _found_store(root: Path, marker: Path) -> None:
-    make_folders(root)
-    foreign = sorted(path.name for path in root.iterdir() if not path.name.startswith(".") and path.name != FILE)
+def _refuse_foreign(root: Path, marker: Path) -> None:
+    present = root.iterdir() if root.exists() else ()
+    foreign = sorted(path.name for path in present if not path.name.startswith(".") and path.name != FILE)
     if foreign and not marker.exists():  # another process may have founded it meanwhile
         raise Corrupt(Fault(str(root), f"is not empty ({foreign[0]}, …) and no store", "name an empty folder, or a store's root"))
-    replace_file(marker, json.dumps({"format": FORMAT}).encode())

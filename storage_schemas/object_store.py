@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import obstore
-from obstore.exceptions import AlreadyExistsError, PreconditionError
+from obstore.exceptions import AlreadyExistsError, BaseError, PreconditionError
 from obstore.store import from_url
 from pydantic import ValidationError
 
@@ -49,10 +49,10 @@ class ObjectStore(Store):
     """Artifacts below `url`, such as s3://bucket/prefix; credentials and endpoint come from the environment (AWS_…)."""
 
     def __init__(self, url: str, *, cache: Path | None = None, **options: Any):
+        self.url = url
+        self.objects = from_url(url, **options)  # first: a URL of which nothing can be had leaves no cache
         folder = cache or Path(os.environ.get("PHYSAVATAR_CACHE", "~/.cache/physavatar")).expanduser()
         super().__init__(folder / "objects" / hashlib.sha256(url.encode()).hexdigest()[:16])
-        self.url = url
-        self.objects = from_url(url, **options)
 
     @property
     def location(self) -> str:
@@ -240,9 +240,15 @@ class ObjectStore(Store):
         return ArtifactRef(store=self.url, digest=digest, **where)
 
 
-def open_store(location: Path | str) -> Store:
-    """The store at a folder or at a URL."""
-    return ObjectStore(str(location)) if "://" in str(location) else Store(location)
+def open_store(location: Path | str, *, founds: bool = True) -> Store:
+    """The store at a folder or at a URL, below which there is nothing to be founded. Raises StoreFault, whatever is wrong with the place."""
+    try:
+        return ObjectStore(str(location)) if "://" in str(location) else Store(location, founds=founds)
+    except StoreFault:
+        raise
+    except (OSError, ValueError, BaseError) as failed:
+        what = f"cannot be a store ({str(failed).splitlines()[0]})"
+        raise StoreFault(Fault(str(location), what, "name a folder that can be written, or a URL such as s3://bucket/prefix")) from failed
 
 
 def _parsed(address: Address, content: bytes) -> tuple[Manifest, str]:

@@ -28,7 +28,7 @@ from storage_schemas import pointers
 from storage_schemas.artifact import open_artifact, read_provenance
 from storage_schemas.durable import full_disk_explained, make_folders, remove_tree
 from storage_schemas.faults import Corrupt, Fault, StoreFault
-from storage_schemas.format import check_format
+from storage_schemas.format import FILE, check_format
 from storage_schemas.layout import addresses, artifact_folder, checkpoint_folder, lease_file, new_aside, stage_folder
 from storage_schemas.lease import Lease, hold
 from storage_schemas.manifest import Manifest
@@ -56,19 +56,26 @@ class Entry(BaseModel):
 
 
 class Store:
-    """A folder of artifacts. A new or empty folder becomes a store; any other must be one. Raises NewerFormat, Corrupt, StoreFault."""
+    """A folder of artifacts. A new or empty folder becomes a store; any other must be one. Raises NewerFormat, Corrupt, StoreFault.
 
-    def __init__(self, root: Path | str):
+    founds: False leaves the folder as it is, for those who only look: where it is no store (`is_founded`), nothing is found in it.
+    """
+
+    def __init__(self, root: Path | str, *, founds: bool = True):
         if URL.match(str(root)):
             raise StoreFault(Fault(str(root), "is a URL and no folder", "set PHYSAVATAR_STORE to it, or give it to `open_store` as text"))
         self.root = Path(root).resolve()
         with full_disk_explained(self.root):
-            check_format(self.root)
+            check_format(self.root, founds=founds)
 
     @property
     def location(self) -> str:
         """What names this store on every machine: a folder here, a URL for an object store."""
         return str(self.root)
+
+    def is_founded(self) -> bool:
+        """Whether there is a store at all."""
+        return (self.root / FILE).exists()
 
     def publish(self, record: Record, *, actor: str, sequence: str, stage: str, key: str, provenance: Provenance) -> ArtifactRef:
         """Makes `record` the artifact of this key, or returns the sound one that is there already.

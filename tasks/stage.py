@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_args, get_type_hints
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from storage_schemas.key import artifact_key
 from storage_schemas.provenance import Provenance
@@ -55,6 +55,9 @@ def _left_out(path: Any) -> Any:
 
 ModelFile = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
 Folder = Annotated[Path | None, BeforeValidator(_left_out), Fingerprint()]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
 
 
 class Parameters(BaseModel):
@@ -67,7 +70,7 @@ class Parameters(BaseModel):
 class Job:
     """What a stage knows of its run: whose data, where the recording lies now, a folder that survives a kill, whom to tell how far it is.
 
-    shared: the folder in which processes elsewhere take part, if any do.
+    notes: what the provenance keeps, every warning among it. shared: the folder in which processes elsewhere take part, if any do.
     """
 
     actor: str
@@ -162,14 +165,20 @@ class Stage:
                 return Outcome(ref, True, time.perf_counter() - start)
             checkpoint = store.checkpoint_dir(actor, sequence, self.name, key)
             folder = _opened_to_helpers(checkpoint) if shared and self.spreads else None
-            job = Job(actor, sequence, recording, checkpoint, progress, warn, shared=folder)
+            notes: list[str] = []
+
+            def noted(text: str) -> None:
+                notes.append(text)
+                warn(text)
+
+            job = Job(actor, sequence, recording, checkpoint, progress, noted, notes, shared=folder)
             opened = {name: store.open(ref, self.reads[name]) for name, ref in inputs.items()}
             provenance = Provenance(
                 stage=self.name, stage_version=self.version, inputs=dict(inputs), weights=fields["weights"], parameters=fields["parameters"]
             )
             with _sealed_from_truth():
                 record = self.function(job, **opened, parameters=parameters)
-            provenance = provenance.finished().model_copy(update={"reasons": tuple(job.notes)})
+            provenance = provenance.finished().model_copy(update={"reasons": tuple(notes)})
             ref = store.publish(record, actor=actor, sequence=sequence, stage=self.name, key=key, provenance=provenance)
             store.set_latest(ref)
         return Outcome(ref, False, time.perf_counter() - start)
@@ -283,4 +292,16 @@ def _worth_retrying(task: Any, run: Any, state: Any) -> bool:
     return not isinstance(state.result(raise_on_failure=False), BadInput)
 
 
-__all__ = ["Folder", "Job", "ModelFile", "Outcome", "Parameters", "Stage", "content_digest", "stage"]
+__all__ = [
+    "Count",
+    "Folder",
+    "Job",
+    "ModelFile",
+    "NotNegative",
+    "Outcome",
+    "Parameters",
+    "Positive",
+    "Stage",
+    "content_digest",
+    "stage",
+]

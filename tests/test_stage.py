@@ -19,6 +19,7 @@ class SkinParameters(Parameters):
     model: ModelFile = None
     peek: Path | None = None
     log: Path | None = None
+    odd: tuple[str, ...] = ()
 
 
 @stage("skinning", version=1, pool="tracking")
@@ -28,6 +29,8 @@ def skin(job: Job, parameters: SkinParameters) -> Skinning:
     if parameters.log:
         with parameters.log.open("a") as log:
             log.write(f"{RAN}\n")
+    for said in parameters.odd:
+        job.warn(said)
     weights = np.zeros((parameters.count, 55), np.float32)
     weights[:, 0] = 1
     return Skinning(weights=weights, matched=np.ones(parameters.count, bool), rest_vertices=np.zeros((parameters.count, 3), np.float32))
@@ -44,6 +47,13 @@ def test_the_second_run_finds_what_the_first_published(tmp_path):
     assert first.ref == second.ref
     assert log.read_text() == f"{RAN}\n"
     assert run(tmp_path / "store", log=log, count=5).cached is False  # negative control: another parameter is another artifact
+
+
+@pytest.mark.parametrize("odd", [(), ("two suns", "no shadow")])
+def test_what_a_stage_warns_of_is_told_and_kept_in_its_provenance(tmp_path, odd):
+    store, told = Store(tmp_path / "store"), []
+    ended = skin.run(store, "ann", "one", {}, SkinParameters(odd=odd), warn=told.append)
+    assert store.provenance(ended.ref).reasons == tuple(told) == odd
 
 
 def _run_in_process(root, log, queue):

@@ -1,4 +1,4 @@
-"""The parent of one sequence: looks into the store, has the pools do what can be done next, and looks again."""
+"""The parent of one sequence: looks into the store, checks inputs, has the pools do what can be done next, and looks again."""
 
 import asyncio
 from typing import Any
@@ -26,6 +26,8 @@ def actor_flow(service: Service) -> Flow:
     @flow(name="actor", flow_run_name="{actor} {sequence}", persist_result=False, on_cancellation=[cancel_children])
     async def actor(actor: str, sequence: str, settings: dict[str, Any], until: str = "report", queue: str = "single") -> State | None:
         request, store = service.open(actor, sequence, until, settings)
+        if survey(request, store).ready:
+            await asyncio.to_thread(service.check, request.settings, until)
         try:
             done = await conduct(request, store, queue)
         except WorkFailed as failed:

@@ -7,6 +7,7 @@ from typing import Any
 from flows.config import Settings, load
 from flows.demo import DEMO, compare_with_truth
 from flows.pipeline import AVATAR
+from flows.preflight import preflight
 from flows.service.actor import actor_flow
 from flows.service.campaign import dataset_flow
 from flows.service.examination import case_flow, exam_flow
@@ -21,7 +22,7 @@ def scored(actor: str, settings: Any, store: Store) -> Scores:
     return partial(compare_with_truth, Path(settings.data), store) if actor == DEMO else unscored(actor, settings, store)
 
 
-SERVICE = Service(AVATAR, Settings, load, scored)
+SERVICE = Service(AVATAR, Settings, load, scored, preflight)
 vision = group_flow(SERVICE, "vision")
 tracking = group_flow(SERVICE, "tracking")
 simulation = group_flow(SERVICE, "simulation")

@@ -17,6 +17,10 @@ from storage_schemas.store import Store
 Scores = Callable[[dict[str, ArtifactRef]], dict[str, Any] | None]
 
 
+def unchecked(settings: Any, until: str) -> None:
+    """Nothing can be found wrong before work starts."""
+
+
 def unscored(actor: str, settings: Any, store: Store) -> Scores:
     """No truth, no scores."""
     return lambda artifacts: None
@@ -24,12 +28,15 @@ def unscored(actor: str, settings: Any, store: Store) -> Scores:
 
 @dataclass(frozen=True)
 class Service:
-    """A line, its settings and where they are read, and who compares an actor with a truth; deployed as one set of flows (`deployed.py`)."""
+    """A line, its settings and where they are read, who compares an actor with a truth, and what raises BadInput before any work;
+    deployed as one set of flows (`deployed.py`).
+    """
 
     line: Line
     settings: type[BaseModel]
     load: Callable[[], Any]
     scores: Callable[[str, Any, Store], Scores] = unscored
+    check: Callable[[Any, str], None] = unchecked
 
     def open(self, actor: str, sequence: str, until: str, settings: dict[str, Any]) -> tuple[Request, Store]:
         """The request and its store, from the JSON of a flow run. Raises BadName for a name that could leave its folder."""

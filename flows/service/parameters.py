@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, SecretStr
+from pydantic import BeforeValidator, Field, SecretStr, field_validator
 
-from tasks.stage import Parameters
+from tasks.stage import Parameters, Positive
 
 POOLS = ("vision", "tracking", "simulation", "rendering", "orchestration")
 
@@ -27,14 +27,21 @@ class ServiceParameters(Parameters):
     simulations (they need the store's folder). Secrets are shown nowhere."""
 
     host: str = "127.0.0.1"
-    port: int = 4200
+    port: int = Field(default=4200, ge=1, le=65535)
     url: Text = None
     database: Secret = None
     auth: Secret = None
     notify: Secret = None
-    workers: dict[str, int] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
-    poll_s: float = 2.0
+    workers: dict[str, Annotated[int, Field(ge=0)]] = Field(default_factory=lambda: dict.fromkeys(POOLS[:-1], 1) | {"orchestration": 16})
+    poll_s: Positive = 2.0
     helpers: int = Field(default=0, ge=0)
+
+    @field_validator("workers")
+    @classmethod
+    def _work_for_pools(cls, workers: dict[str, int]) -> dict[str, int]:
+        if unknown := sorted(workers.keys() - set(POOLS)):
+            raise ValueError(f"there is no pool {unknown[0]!r}; the pools are {', '.join(POOLS)}")
+        return workers
 
 
 def home() -> Path:

@@ -11,16 +11,16 @@ from tasks.body.anny_body import demo_body, demo_body_digest
 from tasks.body.fit import FitWeights, fit_sequence
 from tasks.body.model import BodyModel
 from tasks.recorded import cameras_of
-from tasks.stage import Job, ModelFile, Otherwise, Parameters, content_digest, stage
+from tasks.stage import Job, ModelFile, NotNegative, Otherwise, Parameters, content_digest, stage
 
 
 class BodyParameters(Parameters):
     """model: an SMPL-X file (SMPLX_NEUTRAL.npz); without one the licence-free demo body is used. Weights as in the seed's equations 2 and 3."""
 
     model: Annotated[ModelFile, Otherwise(demo_body_digest)] = None
-    body_weight: float = 1e-3
-    hand_weight: float = 1e-3
-    face_weight: float = 0.0
+    body_weight: NotNegative = 1e-3
+    hand_weight: NotNegative = 1e-3
+    face_weight: NotNegative = 0.0
 
 
 @stage("body", version=2, pool="vision", timeout_s=4 * 3600)

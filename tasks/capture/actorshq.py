@@ -8,9 +8,9 @@ additions; both may be absent. `fps` counts consecutive frame numbers. template/
 meshes/ do not tell: it is taken for that frame, for any other that frame's own mesh. Source: synthesiaresearch/humanrf, actorshq/dataset
 (Işık et al. 2023).
 
-Before anything else runs, every file of the selection is looked at: name, header, size, last bytes; a mask small enough to be empty is
-decoded. `deep=True` decodes every picture. What neither sees is damage inside a JPEG whose end is intact. Files of cameras and frames
-that were not selected are not looked at.
+Before anything else runs, every file of the selection is looked at: name, header, size, last bytes; decoded are each camera's first mask,
+which tells how masks are stored, and those small enough to be empty. `deep=True` decodes every picture. What neither sees is damage inside
+a JPEG whose end is intact. Files of cameras and frames that were not selected are not looked at.
 """
 
 import json
@@ -27,10 +27,10 @@ from tasks.capture.calibration_actorshq import read_calibration_csv, read_csv
 from tasks.capture.frame_rate import rate_of, rate_warnings, spacing_faults
 from tasks.capture.images import picture_fault
 from tasks.capture.recording import Recording, to_y_up, up_faults, validate_name
-from tasks.capture.template import read_mesh
+from tasks.capture.template import read_template
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault, refuse
-from tasks.geometry.parts import SKIN
+from tasks.geometry.parts import SKIN, part_faults
 
 AABB_COLUMNS = ["frame_number"] + [f"aabb_{end}_{axis}" for end in ("min", "max") for axis in "xyz"]
 FPS = 25.0  # ActorsHQ's own; the folders do not store it
@@ -71,9 +71,10 @@ def read_actorshq(
     has_masks = (folder / "masks").is_dir()
     faults += listing_faults + spacing_faults(numbers, str(folder)) + _picture_faults(folder, rig, numbers, has_masks, deep)
     faults += _aabb_faults(sequence, numbers, warnings) + _scene_faults(sequence, numbers, warnings)
-    refuse(faults)
     template, template_warnings = _find_template(sequence, folder, int(numbers[0]), opening)
-    warnings += rate_warnings(numbers, float(meta["fps"])) + template_warnings + _part_warnings(template)
+    parts, template_faults = _parts(template)
+    refuse(faults + template_faults)
+    warnings += rate_warnings(numbers, float(meta["fps"])) + template_warnings + _part_warnings(template, parts)
     patterns = [tuple(f"{kind}s/{n}/{n}_{kind}{{frame:06d}}.{end}" for n in rig.names) for kind, end in (("rgb", "jpg"), ("mask", "png"))]
     return Recording(
         root=folder,
@@ -152,14 +153,19 @@ def _frames_in(folder: Path, pattern: str) -> set[int]:
 def _picture_faults(folder: Path, rig: Cameras, numbers: np.ndarray, has_masks: bool, deep: bool) -> list[Fault]:
     kinds = [("rgb", "jpg")] + ([("mask", "png")] if has_masks else [])
     jobs = [
-        ((kind, name), folder / f"{kind}s" / name / f"{name}_{kind}{n:06d}.{end}", tuple(rig.size[k].tolist()))
+        (
+            (kind, name),
+            folder / f"{kind}s" / name / f"{name}_{kind}{n:06d}.{end}",
+            tuple(rig.size[k].tolist()),
+            deep or (kind == "mask" and n == numbers[0]),
+        )
         for kind, end in kinds
         for k, name in enumerate(rig.names)
         for n in numbers
     ]
     grouped = defaultdict(list)
     with ThreadPoolExecutor(THREADS) as pool:
-        check = lambda job: picture_fault(job[1], job[2], mask=job[0][0] == "mask", deep=deep) if job[1].exists() else None  # noqa: E731
+        check = lambda job: picture_fault(job[1], job[2], mask=job[0][0] == "mask", deep=job[3]) if job[1].exists() else None  # noqa: E731
         for job, fault in zip(jobs, pool.map(check, jobs, chunksize=256), strict=True):
             if fault:
                 grouped[job[0], fault.what].append(fault)
@@ -271,10 +277,21 @@ def _find_template(sequence: Path, folder: Path, first: int, opening: int) -> tu
     return mesh, [f"{odd}: {mesh} is taken instead."]
 
 
-def _part_warnings(template: Path | None) -> list[str]:
+def _parts(template: Path | None) -> tuple[list[str], list[Fault]]:
+    """The names of the template's parts, and all that makes it unfit to be tracked."""
+    if template is None:
+        return [], []
+    try:
+        part = read_template(template).part
+    except BadInput as bad:
+        return [], list(bad.faults)
+    return np.unique(part).tolist(), part_faults(part, str(template))
+
+
+def _part_warnings(template: Path | None, parts: list[str]) -> list[str]:
     """A warning where no part of the template is skin: whatever a modelling program called the whole surface is taken for cloth."""
-    parts = np.unique(read_mesh(template).part).tolist() if template is not None else [SKIN]
-    return [] if SKIN in parts else [f"{template} has no part {SKIN!r}: all of it is taken for garments, by the names {', '.join(parts)}."]
+    odd = f"{template} has no part {SKIN!r}: all of it is taken for garments, by the names {', '.join(parts)}."
+    return [odd] if parts and SKIN not in parts else []
 
 
 def _read_json(path: Path) -> dict:

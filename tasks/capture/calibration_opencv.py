@@ -1,13 +1,14 @@
 """Calibrations as OpenCV users keep them: JSON or YAML, one file with all cameras or a folder with a file per camera.
 
     {"cameras": {"cam01": {"image_width", "image_height", "camera_matrix" [3, 3], "distortion_coefficients" [4, 5 or 8],
-                           "R" [3, 3] or "rvec" [3], "T" [3]}, ...}, "unit": "m" | "mm", "up": "y" | "z"}
+                           "R" [3, 3] or "rvec" [3], "T" or "tvec" [3]}, ...}, "unit": "m" | "mm", "up": "y" | "z"}
 
 x_cam = R x + T as in `cv2.projectPoints`. OpenCV counts pixel centres as integers; 0.5 px is added on reading and taken off on writing.
 Matrices may be nested lists, flat lists, or OpenCV's own {rows, cols, data}. Eight distortion coefficients are accepted where the last
-three, the rational model's, are zero.
+three, the rational model's, are zero. Other keys are refused, since what they say would be lost, but for those of `IGNORED`.
 """
 
+import difflib
 import json
 import re
 from dataclasses import replace
@@ -22,6 +23,26 @@ from tasks.geometry.faults import BadInput, Fault, refuse
 from tasks.geometry.rotations import matrix_from_axis_angle
 
 UNITS = {"m": 1.0, "mm": 1e-3}
+SHARED = ("unit", "up")
+CAMERA = ("image_width", "image_height", "camera_matrix", "distortion_coefficients", "R", "rvec", "T", "tvec")
+IGNORED = (  # what OpenCV's own programs write beside a lens: calibration, camera_calibration, calibrate_camera_charuco
+    "calibration_time",
+    "nframes",
+    "nr_of_frames",
+    "board_width",
+    "board_height",
+    "square_size",
+    "marker_size",
+    "aspectRatio",
+    "fix_aspect_ratio",
+    "flags",
+    "fisheye_model",
+    "avg_reprojection_error",
+    "per_view_reprojection_errors",
+    "extrinsic_parameters",
+    "image_points",
+    "grid_points",
+)
 MAX_BYTES = 4 << 20
 REMEDY = "See the layout in the header of tasks/capture/calibration_opencv.py."
 
@@ -31,13 +52,14 @@ def read_opencv(path: Path) -> tuple[Cameras, str]:
     path = Path(path)
     content = _gather(path) if path.is_dir() else _load(path)
     unit, up, entries = content.get("unit", "m"), content.get("up", "y"), content.get("cameras")
-    faults = up_faults(up, str(path))
+    faults = up_faults(up, str(path)) + _key_faults(content, ("cameras", *SHARED), str(path))
     if not isinstance(unit, str) or unit not in UNITS:
         faults.append(Fault(str(path), f"unit is {unit!r}", 'Write "m" or "mm".'))
     if not isinstance(entries, dict) or not entries:
         refuse([*faults, Fault(str(path), "holds no cameras", REMEDY)])
     rows = {}
     for name, entry in entries.items():
+        faults += _key_faults(entry, CAMERA, f"{path}: {name}") if isinstance(entry, dict) else []
         try:
             rows[validate_name(name, str(path))] = _camera(entry)
         except BadInput as bad:
@@ -69,10 +91,22 @@ def write_opencv(path: Path, cameras: Cameras, *, up: str = "y") -> None:
     Path(path).write_text(json.dumps({"unit": "m", "up": up, "cameras": entries}, indent=1))
 
 
+def _key_faults(given: dict, known: tuple[str, ...], where: str) -> list[Fault]:
+    """A fault for every key that is neither known nor written by OpenCV's own programs."""
+    faults = []
+    for key in (k for k in given if k not in known and k not in IGNORED):
+        near = difflib.get_close_matches(str(key).lower(), known, 1, 0.25)  # far enough to lead from `dist` to its coefficients
+        remedy = (f"Did you mean {near[0]!r}? " if near else "") + f"Known here: {', '.join(known)}; leave others out."
+        faults.append(Fault(where, f"has the key {key!r}, which is not known", remedy))
+    return faults
+
+
 def _camera(entry: dict) -> tuple:
     size = [int(entry["image_width"]), int(entry["image_height"])]
     if not (0 < size[0] <= 20_000 and 0 < size[1] <= 20_000):
         raise ValueError(f"{size[0]} x {size[1]} pixels")
+    if entry.get("fisheye_model"):
+        raise ValueError("fisheye_model is set, and fisheye lenses are not read")
     K = _numbers(entry["camera_matrix"], 9).reshape(3, 3)
     K[:2, 2] += 0.5
     if K[0, 1] or K[1, 0] or (K[2] != [0, 0, 1]).any():
@@ -95,7 +129,7 @@ def _gather(folder: Path) -> dict:
     """A file per camera, named after it; unit and up may stand in any of them, and must agree."""
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in (".json", ".yml", ".yaml"))
     contents = {p.stem: _load(p) for p in files}
-    shared = {k: sorted({str(c[k]) for c in contents.values() if k in c}) for k in ("unit", "up")}
+    shared = {k: sorted({str(c.pop(k)) for c in contents.values() if k in c}) for k in SHARED}
     refuse([Fault(str(folder), f"{k} differs between files: {v}", "Write the same in all.") for k, v in shared.items() if len(v) > 1])
     return {"cameras": contents} | {k: v[0] for k, v in shared.items() if v}
 

@@ -57,9 +57,25 @@ class Board:
             found[np.ravel(numbers)] = np.reshape(uv, (-1, 2)) + 0.5
         return found
 
+    def markers(self) -> "cv2.aruco.Dictionary":
+        """OpenCV's dictionary of that name."""
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+
     def _opencv(self) -> "cv2.aruco.CharucoBoard":
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, self.markers())
+
+
+def board_faults(board: Board) -> list[Fault]:
+    """What makes it a board that nobody can print, or of which no view would do."""
+    squares, most, faults = f"it has {board.columns} x {board.rows} squares", len(board.markers().bytesList), []
+    if max(board.columns - 1, 0) * max(board.rows - 1, 0) < MIN_CORNERS:
+        faults.append(Fault("board", squares, f"A view needs {MIN_CORNERS} corners at which four of them meet: 5 x 3 or more."))
+    elif board.columns * board.rows // 2 > most:
+        faults.append(Fault("board", squares, f"Every other one shows a marker, and {board.dictionary} has {most}."))
+    if not 0 < board.marker_m < board.square_m < 1:
+        remedy = "Give both in metres, the marker's side less than its square's and that less than 1."
+        faults.append(Fault("board", f"it has markers of {board.marker_m:g} m on squares of {board.square_m:g} m", remedy))
+    return faults
 
 
 def calibrate_charuco(

@@ -2,7 +2,8 @@
 
 JPEG and PNG only, read with Pillow: OpenCV's decoder returns a JPEG that was cut short as a picture padded with grey and turns pictures by
 their EXIF flag, both in silence. `picture_fault` looks at the header, the size and the end of a file (a few hundred bytes) and decodes only
-where these leave doubt; `deep` decodes every pixel. Damage inside a complete JPEG stays invisible to any decoder.
+where these leave doubt; `deep` decodes every pixel, and tells masks that are stored otherwise than 0 to 255 in channel 0. Damage inside a
+complete JPEG stays invisible to any decoder.
 """
 
 import struct
@@ -18,6 +19,8 @@ from tasks.geometry.faults import BadInput, Fault
 MAX_BYTES = 256 << 20
 MAX_PIXELS = 80_000_000  # six times ActorsHQ's 12 MP, and below the size at which Pillow warns of a decompression bomb
 MASK_THRESHOLD = 127  # a mask's channel 0 is coverage × 255
+MASK_MODES = ("L", "1", "RGB", "RGBA")
+MASK_REMEDY = "Store masks of one channel: 255 on the actor, 0 elsewhere."
 EMPTY_MASK_PIXELS_PER_BYTE = 300  # an all-black PNG packs about 1000 pixels into a byte, a silhouette at most about 200
 
 
@@ -36,9 +39,7 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """The mask [height, width]: true where channel 0 exceeds half. Raises BadInput."""
-    picture = _decode(path, ("L", "1", "RGB", "RGBA"))
-    channel = picture.convert("L") if picture.mode == "1" else picture.getchannel(0)
-    return np.asarray(channel) > MASK_THRESHOLD
+    return _coverage(_decode(path, MASK_MODES)) > MASK_THRESHOLD
 
 
 def read_header(path: Path) -> PictureHeader:
@@ -63,13 +64,32 @@ def picture_fault(path: Path, size: tuple[int, int], *, mask: bool = False, deep
                 str(path), f"is {found} pixels where the calibration says {expected}", "Use the pictures and the calibration of one scale."
             )
         if deep or not _ends_well(path, header.kind) or (mask and _looks_empty(path, size)):
-            if mask and not read_mask(path).any():
-                return Fault(str(path), "is an empty mask", "Segment the frame again, or leave the frame or the camera out.")
-            if not mask:
-                read_rgb(path)
+            if mask:
+                return _mask_fault(path)
+            read_rgb(path)
     except BadInput as bad:
         return bad.faults[0]
     return None
+
+
+def _coverage(picture: Image.Image) -> NDArray[np.uint8]:
+    """Channel 0 of a mask [height, width], 0 to 255."""
+    return np.asarray(picture.convert("L") if picture.mode == "1" else picture.getchannel(0))
+
+
+def _mask_fault(path: Path) -> Fault | None:
+    """Why no actor can be seen in a mask: alpha alone tells one, numbers that are not 0 to 255, or nobody. Raises BadInput."""
+    picture = _decode(path, MASK_MODES)
+    coverage = _coverage(picture)
+    actor = coverage > MASK_THRESHOLD
+    if picture.mode == "RGBA" and actor.all() == actor.any() and np.ptp(picture.getchannel("A")):
+        return Fault(str(path), "is a mask with its silhouette in the alpha channel alone, where channel 0 is read", MASK_REMEDY)
+    if actor.any():
+        return None
+    if coverage.any():
+        what = f"is a mask with {coverage.max()} as the largest value in channel 0; masks are 0 to 255, above {MASK_THRESHOLD} is the actor"
+        return Fault(str(path), what, MASK_REMEDY)
+    return Fault(str(path), "is an empty mask", "Segment the frame again, or leave the frame or the camera out.")
 
 
 def _decode(path: Path, modes: tuple[str, ...]) -> Image.Image:

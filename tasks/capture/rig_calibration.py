@@ -5,6 +5,7 @@ without one, from the mean of the cameras' own up directions, which is right to 
 (a ring).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,14 +43,19 @@ def levelled(cameras: Cameras) -> Cameras:
     return moved(cameras, R, -R @ focus)
 
 
-def scaled_to(cameras: Cameras, baseline: tuple[str, str, float]) -> Cameras:
-    """The rig scaled so that the centres of two named cameras lie the given number of metres apart. Raises BadInput."""
+def baseline_faults(baseline: tuple[str, str, float], names: Sequence[str]) -> list[Fault]:
+    """What is wrong with two cameras and the metres between them, where these are the cameras."""
     a, b, metres = baseline
-    unknown = [n for n in (a, b) if n not in cameras.names]
-    remedy = f"Name two of {', '.join(cameras.names)} and the distance of their lenses in metres."
-    faults = [Fault("baseline", f"there is no placed camera {n!r}", remedy) for n in unknown]
+    remedy = f"Name two of {', '.join(names)} and the distance of their lenses in metres, 0.01 to 100."
+    faults = [Fault("baseline", f"there is no camera {n!r}", remedy) for n in dict.fromkeys((a, b)) if n not in names]
     if a == b or not 0.01 < metres < 100:
         faults.append(Fault("baseline", f"is {baseline}", remedy))
-    refuse(faults)
+    return faults
+
+
+def scaled_to(cameras: Cameras, baseline: tuple[str, str, float]) -> Cameras:
+    """The rig scaled so that the centres of two named cameras lie the given number of metres apart. Raises BadInput."""
+    refuse(baseline_faults(baseline, cameras.names))
+    a, b, metres = baseline
     C = cameras.centres()
     return moved(cameras, np.eye(3), np.zeros(3), scale=metres / np.linalg.norm(C[cameras.names.index(a)] - C[cameras.names.index(b)]))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from tasks.capture.rig_calibration import RigCalibration, levelled, scaled_to
+from tasks.capture.rig_calibration import RigCalibration, baseline_faults, levelled, scaled_to
 from tasks.geometry.cameras import Cameras
 from tasks.geometry.faults import BadInput, Fault, refuse
 
@@ -43,6 +43,7 @@ def calibrate_from_pictures(
     refuse(
         [] if len(pictures) >= MIN_CAMERAS else [Fault("pictures", f"there are {len(pictures)}", f"Give {MIN_CAMERAS} cameras or more.")]
     )
+    refuse(baseline_faults(baseline, list(pictures)))
     with tempfile.TemporaryDirectory(prefix="structure_from_motion_") as folder:
         request = {"threads": threads, "lenses": _lens_parameters(lenses, list(pictures))}
         for name, picture in pictures.items():

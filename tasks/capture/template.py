@@ -75,7 +75,7 @@ def write_obj(path: Path, template: Template) -> None:
 def _read_obj(path: Path) -> Template:
     vertices, uv_vertices, faces, uv_faces, part = [], [], [], [], []
     group = SKIN
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:  # Windows programs write a mark before the first line
         for number, line in enumerate(file, 1):
             words = line.split()
             try:

@@ -12,7 +12,7 @@ import numpy as np
 from tasks.capture.hang_checks import hang_faults
 from tasks.capture.pattern_checks import pattern_faults
 from tasks.geometry.faults import Fault
-from tasks.geometry.meshes import loose_vertex_faults, mesh_faults
+from tasks.geometry.meshes import edge_lengths, edges, loose_vertex_faults, mesh_faults
 
 AXES = {
     "vertices": ("T", "V", 3),
@@ -42,6 +42,9 @@ KINDS = {"observed": "b", "rest_flat": "b", "up": "U", "base": "U", "zone": "U"}
 )
 FARTHEST = 1000.0  # m
 FASTEST = 50.0  # m/s; a cracking whip's tip is faster, cloth on a person is not
+FACTOR = 2.0  # between edges at rest and as worn, in the median: beyond it lies another unit
+ODD, MOST_ODD = 3.0, 0.25  # where the vertices stand in another order, more edges than this share differ by more than this factor
+COLLAPSED = 0.01  # of the median frame's extent
 
 
 def tracked_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
@@ -50,6 +53,8 @@ def tracked_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
     faults += _presence_faults(arrays, name)
     sound = _without_faulty(arrays, faults, name)
     faults += _scalar_faults(sound, name) + _index_faults(sound, name, size) + _value_faults(sound, name)
+    sound = _without_faulty(sound, faults, name)
+    faults += _collapse_faults(sound, name)
     sound = _without_faulty(sound, faults, name)
     return faults + _surface_faults(sound, name) + _motion_faults(sound, name)
 
@@ -95,7 +100,7 @@ def _presence_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
             faults.append(Fault(name, f"has {given} alone", f"{', '.join(together)} belong together."))
     faults += [
         Fault(f"{name}: {k}", "is empty", "Leave the key out.")
-        for k in ("vertices", "faces", "markers")
+        for k in ("vertices", "faces", "markers", "collider_vertices", "collider_faces")
         if k in arrays and not arrays[k].size
     ]
     return faults
@@ -216,27 +221,105 @@ def _are_covariances(Σ: np.ndarray) -> bool:
     return np.abs(Σ - Σ.transpose(0, 2, 1)).max() <= 1e-6 * np.abs(Σ).max() and np.linalg.eigvalsh(Σ).min() > 0
 
 
+def _collapse_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
+    """Frames in which garment or collider is gone to a point, of those that show at least half of it: few vertices may lie close together."""
+    faults = []
+    for key, remedy in (("vertices", "Mark what was not seen with NaN."), ("collider_vertices", "Give the body there, or cut that off.")):
+        if key not in arrays:
+            continue
+        x = arrays[key].astype(float)
+        known = _known(arrays) if key == "vertices" else np.ones(x.shape[:2], bool)
+        frames = np.flatnonzero(known.mean(1) >= 0.5)
+        extent = np.array([np.linalg.norm(np.ptp(x[t, known[t]], axis=0)) for t in frames])
+        usual = np.median(extent) if len(frames) else np.nan
+        gone = frames[extent <= COLLAPSED * usual]
+        if len(gone):
+            where = f"in {len(gone)} of {len(x)} frames, the first is frame {gone[0]}"
+            faults.append(Fault(f"{name}: {key}", f"{extent.min():.3g} m across {where}; the median is {usual:.3g} m", remedy))
+    return faults
+
+
+def _known(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """Which vertices [T, V] the file tells: those that are finite, and observed or driven."""
+    finite = np.isfinite(arrays["vertices"]).all(2)
+    told = arrays["observed"].astype(bool) if "observed" in arrays else finite.copy()
+    told[:, arrays.get("boundary", np.zeros(0)).astype(np.int64)] = True
+    return finite & told
+
+
 def _surface_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:
-    """The garment, its pattern and the collider as meshes in metres."""
+    """The garment at rest and as worn, its pattern and the collider as meshes in metres, and noise beside them."""
     faults, faces = [], arrays.get("faces")
     surface = _surface(arrays)
     if surface is None and faces is not None and "vertices" in arrays and "rest_vertices" not in arrays:
         faults.append(Fault(name, "no frame shows the whole garment and there is no rest shape", "Give rest_vertices."))
     if faces is not None and surface is not None:
-        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), name) + loose_vertex_faults(faces, len(surface), name)
-    if faces is not None and "uv" in arrays and not faults:
+        where = f"{name}: rest_vertices" if "rest_vertices" in arrays else name
+        faults += mesh_faults(surface.astype(float), faces.astype(np.int64), where) + loose_vertex_faults(faces, len(surface), name)
+        faults += _worn_faults(arrays, name, faults) if {"vertices", "rest_vertices"} <= set(arrays) else []
+    sound = not faults
+    if sound and faces is not None and surface is not None:
+        faults += _wide_noise_faults(arrays, surface, name)
+    if sound and faces is not None and "uv" in arrays:
         faults += pattern_faults(arrays["uv"].astype(float), faces.astype(np.int64), surface, name)
     if "collider_vertices" in arrays and "collider_faces" in arrays:
         faults += mesh_faults(arrays["collider_vertices"][0].astype(float), arrays["collider_faces"].astype(np.int64), f"{name}: collider")
     return faults
 
 
+def _worn_faults(arrays: dict[str, np.ndarray], name: str, at_rest: list[Fault]) -> list[Fault]:
+    """Of the frame that is known best, by itself and beside the rest shape, whose own faults are told already."""
+    known, rest, faces = _known(arrays), arrays["rest_vertices"].astype(float), arrays["faces"].astype(np.int64)
+    frame = int(known.sum(1).argmax())
+    worn = arrays["vertices"][frame].astype(float)
+    told = {fault.what for fault in at_rest}
+    faults = mesh_faults(worn, faces, f"{name}: vertices") if known[frame].all() else []
+    faults = [fault for fault in faults if fault.what not in told]
+    e = edges(faces)
+    e = e[known[frame][e].all(1)]
+    length, length_at_rest = edge_lengths(worn, e), edge_lengths(rest, e)
+    if faults or at_rest or not length.any():
+        return faults
+    ratio = length_at_rest[length > 0] / length[length > 0]
+    low, usual, high = np.quantile(ratio, [0.25, 0.5, 0.75])
+    if 1 / FACTOR <= usual <= FACTOR and np.mean(np.abs(np.log(ratio)) > np.log(ODD)) <= MOST_ODD:
+        return []
+    what = f"its edges are {usual:.3g} times as long as those of frame {frame}, half of them {low:.3g} to {high:.3g} times"
+    remedy = "Give this garment's rest shape in metres, its vertices in the order of `vertices`, or leave it out."
+    return [Fault(f"{name}: rest_vertices", what, remedy)]
+
+
+def _wide_noise_faults(arrays: dict[str, np.ndarray], surface: np.ndarray, name: str) -> list[Fault]:
+    """Noise in another unit: beyond the length of an edge of the surface [V, 3] m a track would tell nothing of the cloth."""
+    edge, stated = float(np.median(edge_lengths(surface.astype(float), edges(arrays["faces"])))), {}
+    if "noise_m" in arrays:
+        stated["noise_m"] = _noise_of_known(arrays)
+    if "noise_cov" in arrays:
+        stated["noise_cov"] = np.sqrt(np.trace(_covariances_of_seen(arrays), axis1=1, axis2=2) / 3)
+    return [
+        Fault(
+            f"{name}: {key}", f"is {np.median(σ):.3g} m in the median, and the edges of the garment are {edge:.3g} m long", "Give metres."
+        )
+        for key, σ in stated.items()
+        if σ.size and np.median(σ) > edge
+    ]
+
+
+def _noise_of_known(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """noise_m [n] m of what is known; all of it where markers stand for vertices."""
+    s = arrays["noise_m"].astype(float)
+    if "vertices" not in arrays:
+        return s.ravel()
+    known = _known(arrays)
+    return np.broadcast_to(s, known.shape)[known]
+
+
 def _surface(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
-    """The rest shape, or the first frame that shows everything [V, 3] m."""
+    """The rest shape, or of the frames with a place for everything the best known one [V, 3] m."""
     if "rest_vertices" in arrays or "vertices" not in arrays:
         return arrays.get("rest_vertices")
     whole = np.flatnonzero(np.isfinite(arrays["vertices"]).all((1, 2)))
-    return arrays["vertices"][whole[0]] if len(whole) else None
+    return arrays["vertices"][whole[_known(arrays)[whole].sum(1).argmax()]] if len(whole) else None
 
 
 def _motion_faults(arrays: dict[str, np.ndarray], name: str) -> list[Fault]:

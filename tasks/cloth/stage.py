@@ -36,13 +36,10 @@ from tasks.effects.named import named
 from tasks.geometry.faults import BadInput, Fault
 from tasks.simulator import Fabric, Settings
 from tasks.skinning.linear_blend import repose
-from tasks.stage import Folder, Job, Parameters, stage
+from tasks.stage import Count, Folder, Job, NotNegative, Parameters, Positive, stage
 
 GAUSS_NEWTON_ITERATIONS = 4
 AT_ONCE = 2  # computations side by side on one machine
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
 
 
 class FitParameters(Parameters):
@@ -60,15 +57,15 @@ class FitParameters(Parameters):
     density: Positive = 320.0
     membrane: Positive = 4.0
     bending: Positive = 60.0
-    friction: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.2
+    friction: NotNegative = 0.2
     boundary: Literal["tracked", "skinned"] = "tracked"
     iterations: Count | None = None
     substeps: Count | None = None
     frames: Annotated[int, Field(ge=FEWEST)] | None = None
     profiles: bool = False
     attempts: Count = 3
-    frame_s: Annotated[float, Field(gt=0)] = 600.0
-    limit_s: Annotated[float, Field(gt=0)] = 3600.0
+    frame_s: Positive = 600.0
+    limit_s: Positive = 3600.0
     effects_folder: Folder = None
     effects: tuple[str, ...] = ()
 
@@ -110,7 +107,7 @@ class TrackParameters(FitParameters):
     """Also: the file or folder of tracked geometry; fps and up instead of what it says; at_rest: the garment is still in its first frame."""
 
     track: Folder = None
-    fps: float | None = None
+    fps: Positive | None = None
     up: Literal["y", "z"] | None = None
     at_rest: bool = False
 
@@ -131,7 +128,7 @@ class Work:
     weighed: bool = False
 
 
-@stage("cloth", version=6, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
+@stage("cloth", version=7, pool="simulation", timeout_s=4 * 3600, retries=1, spreads=True)
 def cloth(
     job: Job, capture: Capture, body: Registration, tracking: Tracking, skinning: Skinning, parameters: ClothParameters
 ) -> ClothRecord:
@@ -147,7 +144,7 @@ def cloth(
     return _as_record(work, _fits(job, work, parameters), index=[g.index for g in worn])
 
 
-@stage("cloth", version=6, pool="simulation", timeout_s=4 * 3600, retries=1)
+@stage("cloth", version=7, pool="simulation", timeout_s=4 * 3600, retries=1)
 def track_fit(job: Job, parameters: TrackParameters) -> ClothRecord:
     """Fit one garment of which somebody else's tracker tells the motion; needs no other stage."""
     path = parameters.track

@@ -25,7 +25,7 @@ class BodyLag(Effect):
     name = "body_lag"
     kind = "collider"
     strengths = (Strength("τ", "s", 0.033, -0.1, 0.1),)
-    keeps = frozenset({"rest", "statics", "momentum", "energy", "shape", "gauge"})
+    keeps = frozenset({"rest", "statics", "gauge"})
     confused_with = frozenset({"observation_delay", "boundary_slip"})
 
     @override

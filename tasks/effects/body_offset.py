@@ -25,7 +25,7 @@ class BodyOffset(Effect):
     name = "body_offset"
     kind = "collider"
     strengths = (Strength("d", "m", 0.008, -0.02, 0.02),)
-    keeps = frozenset({"rest", "momentum", "energy", "shape", "gauge"})
+    keeps = frozenset({"rest", "gauge"})
     confused_with = frozenset({"contact_thickness", "contact_friction"})
 
     @override

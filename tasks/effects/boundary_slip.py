@@ -24,7 +24,7 @@ class BoundarySlip(Effect):
     name = "boundary_slip"
     kind = "collider"
     strengths = (Strength("u", "m/s", 0.005, -0.02, 0.02), Strength("q", "1", 0.05, 0.0, 0.3))
-    keeps = frozenset({"momentum", "energy", "shape", "gauge"})
+    keeps = frozenset({"gauge"})
     confused_with = frozenset({"contact_friction", "body_lag", "observation_delay"})
 
     @override

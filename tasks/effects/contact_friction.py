@@ -22,7 +22,7 @@ class BodyFriction(Effect):
     name = "contact_friction"
     kind = "potential"
     strengths = (Strength("Δμ", "1", 0.3, -0.2, 1.0),)
-    keeps = frozenset({"rest", "momentum", "energy", "gauge"})
+    keeps = frozenset({"rest", "gauge"})
     confused_with = frozenset({"boundary_slip", "body_offset", "contact_thickness"})
 
     @property

@@ -25,7 +25,7 @@ class ContactThickness(Effect):
     name = "contact_thickness"
     kind = "collider"
     strengths = (Strength("d", "m", 0.002, 0.0, 0.01),)
-    keeps = frozenset({"rest", "momentum", "energy", "shape", "gauge"})
+    keeps = frozenset({"rest", "gauge"})
     confused_with = frozenset({"body_offset", "contact_friction"})
 
     @override

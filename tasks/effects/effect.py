@@ -90,8 +90,9 @@ class Effect:
 
     kind: potential (an energy or dissipation), force (lagged, without potential), state (has a memory), collider (moves what drives the
     cloth), observation (changes what is seen of it), rerun (has no tangent: computed anew, in another way).
-    keeps: what it leaves as the base model has it: rest (cloth hanging still without contact), statics (any cloth at rest), momentum (of a
-    free flying cloth), energy (never adds any), shape (moves cloth only as a whole), gauge (motion depends on ratios to the density only).
+    keeps: what it leaves as the base model has it: rest (cloth hanging still without contact), statics (any cloth at rest), gauge (motion
+    depends on ratios to the density only); and of free flying cloth, if it moves that: momentum, energy (never adds any), shape (moves cloth
+    only as a whole).
     confused_with: names of effects that some recordings cannot tell from it.
     """
 

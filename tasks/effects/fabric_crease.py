@@ -102,7 +102,7 @@ class FabricCrease(Effect):
     name = "fabric_crease"
     kind = "state"
     strengths = (Strength("p", "1", 0.3, 0.0, 1.0),)
-    keeps = frozenset({"momentum", "gauge"})
+    keeps = frozenset({"gauge"})
     confused_with = frozenset({"fabric_bending_hysteresis", "fabric_rest_curvature"})
 
     @override

@@ -8,7 +8,7 @@ there.
 Strength: 1 is the other law [1]. Range: 0–1.
 Signature: sharp folds, and tubes that are bent or flattened.
 Confounders: fabric_rest_curvature, fabric_bending_hysteresis; it is integrated out, never named.
-Source: Bridson, Marino, Fedkiw 2003 (the sine); `simulator.hinge_bending`. Limits: softens beyond 120°.
+Source: Bridson, Marino, Fedkiw 2003 (the sine); `simulator.hinge_bending`. Limits: softens beyond 90°.
 """
 
 from collections.abc import Sequence

@@ -24,7 +24,7 @@ class NumericsContact(Effect):
     name = "numerics_contact"
     kind = "rerun"
     strengths = (Strength("log₂c", "1", 2.0, 0.0, 4.0),)
-    keeps = frozenset({"rest", "momentum", "gauge"})
+    keeps = frozenset({"rest", "gauge"})
 
     @override
     def settings(self, settings: Settings, θ: Sequence[float]) -> Settings:

@@ -7,7 +7,8 @@ Both have the same constants and differ from the second order of the strain on. 
 Strength: 1 is the other form [1]. Range: −1–1 (−1: away from it by as much, or back to StVK where the model is neo-Hookean).
 Signature: where cloth is stretched or sheared by per cents.
 Confounders: fabric_stiffening, fabric_orthotropy; it is integrated out, never named.
-Source: `simulator.membrane_neohookean`; Li et al. 2021 (C-IPC). Limits: of orthotropic cloth the isotropic part is exchanged.
+Source: `simulator.membrane_neohookean`; Li et al. 2021 (C-IPC). Limits: of orthotropic cloth the isotropic part is exchanged;
+below zero the energy has no least value in cloth that is crushed to half its length.
 """
 
 from collections.abc import Sequence

@@ -27,7 +27,7 @@ class ObservationDelay(Effect):
     name = "observation_delay"
     kind = "observation"
     strengths = (Strength("τ", "s", 0.033, -0.1, 0.1),)
-    keeps = frozenset({"rest", "statics", "momentum", "energy", "shape", "gauge"})
+    keeps = frozenset({"rest", "statics", "gauge"})
     confused_with = frozenset({"body_lag", "boundary_slip"})
 
     @override

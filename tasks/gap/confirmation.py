@@ -1,6 +1,6 @@
 """What leads is put to motion kept out of every fit. What does not help there loses its name, and the next one is put to it, if it is
 likelier than that nothing, or nothing in the library, is the cause. Where motion kept out is at its floor already nothing can shrink there;
-then it is so many more windows, and what leads is weighed once more with them among those that teach.
+then it is so many more windows, and all causes are weighed once more with them among those that teach.
 
 At most `CHANCES` names are: of many, one would pass by chance.
 """
@@ -18,7 +18,7 @@ from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs, restarted
 from tasks.gap.held_out import Shrinkage, fallen, floor_mm, shrinkage, unchanged
 from tasks.gap.hypotheses import Fitted
-from tasks.gap.refits import Refitted, corrected_model, weighed_with
+from tasks.gap.refits import Refitted, corrected_model
 from tasks.gap.replay import Replay, base_replays, mean, parted, replayed_by
 from tasks.gap.screening import MODES, signatures
 from tasks.gap.trials import Trials
@@ -186,11 +186,11 @@ class _Test:
         return replace(now, verdict=first_alone(now.verdict, alone.hypothesis), named=alone, alone=None), one
 
     def weighed_once_more(self, now: Decided) -> Decided:
-        """What is named, or of two causes the first, weighed by windows kept out too, and so whatever holds it: the same is named if it
-        still leads, the first alone if that leads, or leads with a second that motion kept out was not asked about; else "none".
+        """Single causes weighed by windows kept out too, and so whatever holds them: the same is named if it still leads, of two the first
+        alone if that leads, or leads with a second that motion kept out was not asked about; else "none".
         """
         trials, first = self.trials, now.alone or now.named
-        trials.after[first.hypothesis.name] = weighed_with(first, trials.screened, self.kept, self._signatures, trials.run)
+        trials.learn(self.kept, self._signatures)
         verdict, _ = _judged(trials)
         leads, said = verdict.named, now.verdict.named
         if leads is None or leads.effects[0] != first.hypothesis.effects[0]:

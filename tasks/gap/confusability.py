@@ -27,10 +27,13 @@ SHOWN = 3.0  # standard deviations
 
 @dataclass(frozen=True)
 class Confusability:
-    """names [E], cosine [E, E], detectability [E] in standard deviations at typical strength."""
+    """names [E], cosine [E, E], that of the least alike directions [E, E] (0 where one effect has more components than the other),
+    detectability [E] in standard deviations at typical strength.
+    """
 
     names: tuple[str, ...]
     cosine: Array
+    least: Array
     detectability: Array
 
     @property
@@ -45,11 +48,10 @@ def confusability(windows: Windows, effects: Sequence[Effect]) -> Confusability:
     n = signatures(windows, columns)
     blocks = [n.index(e.columns) for e in effects]
     white = [_inverse_root(n.G[np.ix_(i, i)]) for i in blocks]
-    cosine = np.array(
-        [[_cosine(a @ n.G[np.ix_(i, j)] @ b) for j, b in zip(blocks, white, strict=True)] for i, a in zip(blocks, white, strict=True)]
-    )
+    canonical = [[a @ n.G[np.ix_(i, j)] @ b for j, b in zip(blocks, white, strict=True)] for i, a in zip(blocks, white, strict=True)]
+    cosine, least = (np.array([[measure(C) for C in row] for row in canonical]) for measure in (_cosine, _least_cosine))
     detectability = [np.sqrt(max(e.typical @ n.G[np.ix_(i, i)] @ e.typical, 0.0)) for e, i in zip(effects, blocks, strict=True)]
-    return Confusability(tuple(e.name for e in effects), cosine, np.array(detectability))
+    return Confusability(tuple(e.name for e in effects), cosine, least, np.array(detectability))
 
 
 def over_scales(windows: Windows) -> list[Normals]:
@@ -73,3 +75,9 @@ def _inverse_root(G: Array) -> Array:
 
 def _cosine(C: Array) -> float:
     return float(C[0, 0]) if C.size == 1 else float(np.linalg.norm(C, 2))
+
+
+def _least_cosine(C: Array) -> float:
+    if C.shape[0] != C.shape[1]:
+        return 0.0
+    return _cosine(C) if C.size == 1 else float(np.linalg.norm(C, -2))

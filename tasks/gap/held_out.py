@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from tasks.cloth.nuisances import Prior, without_state
-from tasks.cloth.numerics import size
+from tasks.cloth.numerics import FINER, size
 from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Recording
 
@@ -80,9 +80,10 @@ def unchanged(gap: Shrinkage) -> Shrinkage:
 
 
 def floor_mm(evidence: Sequence[Evidence], recordings: Sequence[Recording]) -> float:
-    """√E_floor of noise and finer re-run."""
+    """√E_floor of noise and finer re-run, over the windows of which there is one: that one failed does not say that it would have been the same."""
     noise = 3 * np.mean([np.mean(r.noise**2) for r in recordings])
-    return float(1e3 * np.sqrt(noise + np.mean([size(e) ** 2 for e in evidence])))
+    finer = [size(e) ** 2 for e in evidence if all(way.name in e.prediction.columns for way in FINER)]
+    return float(1e3 * np.sqrt(noise + (np.mean(finer) if finer else 0.0)))
 
 
 def squared(evidence: Evidence) -> tuple[float, int]:

@@ -33,7 +33,7 @@ Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clu
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import gamma, log, pi
 from types import MappingProxyType
@@ -64,9 +64,10 @@ RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
 
 @dataclass(frozen=True)
 class Scores:
-    """An effect with the base taken out: strengths θ [K], own φ, I⁻¹ [K, K]."""
+    """An effect with the base taken out: strengths θ [K] within their ranges, those asked for whatever the range [K], own φ, I⁻¹ [K, K]."""
 
     θ: Array
+    asked: Array
     dispersion: float
     inverse_information: Array
 
@@ -131,9 +132,9 @@ class Fitted:
         return np.array([self.strengths[c] for c in effect.columns])
 
 
-def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, shows: float = 0.0) -> float:
-    """log ∫ p(θ') Student_ν(θ' − θ)/Student_ν(0) dθ' for typical strengths of one: what the maximum is worth when the strength is not
-    known.
+def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, asked: Array | None = None, shows: float = 0.0) -> float:
+    """log ∫ p(θ') Student_ν(θ' − θ*)/Student_ν(θ − θ*) dθ' for typical strengths of one: what the maximum θ within the range is worth when the
+    strength is not known. asked: θ*, which windows ask for whatever the range, where that is less (default: θ).
 
     Along the ray of θ numerically, and of a single component of either sign along the other one too, on points of the prior and of the
     peak, which may be far narrower; across it by Laplace's approximation.
@@ -144,19 +145,24 @@ def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, sho
     K, r = len(z), float(np.linalg.norm(z))
     along = z / r if r > 1e-9 else np.full(K, K**-0.5)  # at the end of its range: any direction
     σ = np.sqrt(max(float(along @ Σ @ along), 1e-24))
+    short = 0.0 if asked is None else min(float(along @ ((asked - θ) / effect.typical)) / σ, 0.0)  # along the ray, in deviations
     peak = (r + σ * np.linspace(-12, 12, 241)) / np.sqrt(K)
     u = np.unique(np.concatenate([np.exp(np.linspace(-8, 4, 600) * log(FACTOR)), peak[peak > 0]]))
     density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u) * (u >= shows)
     either_way = K == 1 and effect.strengths[0].low < 0
     rays = (1, -1) if either_way else (1,)
-    size = sum(float(np.trapezoid(density * (1 + ((sign * u * np.sqrt(K) - r) / σ) ** 2 / ν) ** (-ν / 2), u)) for sign in rays)
+    falls = [((1 + ((sign * u * np.sqrt(K) - r) / σ - short) ** 2 / ν) / (1 + short**2 / ν)) ** (-ν / 2) for sign in rays]
+    size = sum(float(np.trapezoid(density * each, u)) for each in falls)
     across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / max(r, 1e-9)) ** (K - 1) if K > 1 else 1.0
     sphere = 2 * pi ** (K / 2) / gamma(K / 2) if K > 1 else 1.0 + either_way
     return log(max(size, 1e-300)) + log(min(max(across, 1e-300) / sphere, 1.0))
 
 
 class Forced:
-    """The windows' normal equations [W] with a forcing of one size marginalised, each over its scale s_w."""
+    """The windows' normal equations [W] with a forcing of one size marginalised, each over its scale s_w.
+
+    A hypothesis without an effect of `origin` has none of it, and not as much as was simulated.
+    """
 
     def __init__(self, normals: Sequence[Normals], scale: Array, origin: Mapping[str, float]) -> None:
         self.normals, self.scale, self.origin = list(normals), scale, origin
@@ -177,12 +183,12 @@ class Forced:
     def scaled(self, names: Sequence[str]) -> list[tuple[Array, Array]]:
         """G/s_w [P, P] and g/s_w [P] of some columns of every window."""
         index = [n.index(names) for n in self.normals]
-        return [(n.G[np.ix_(i, i)] / s, n.g[i] / s) for n, i, s in zip(self.normals, index, self.scale, strict=True)]
+        return [(n.G[np.ix_(i, i)] / s, n.g[i] / s) for n, i, s in zip(self._without_others(names), index, self.scale, strict=True)]
 
     def misfits(self, θ: Array, names: Sequence[str]) -> Array:
         """J_w [W] at θ [P]."""
         step, found = θ - self.origin_of(names), []
-        for n in self.normals:
+        for n in self._without_others(names):
             i = n.index(names)
             found.append(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step)
         return np.array(found)
@@ -195,6 +201,11 @@ class Forced:
         """F at its least."""
         θ, names = self.solve(effects)
         return float(np.sum(self.losses(θ, names)) + precision(effects) @ θ**2)
+
+    def _without_others(self, names: Sequence[str]) -> list[Normals]:
+        """About `origin` without the effects that are not among `names`."""
+        back = {c: -θ for c, θ in self.origin.items() if c not in names}
+        return [_stepped(n, back) for n in self.normals] if back else self.normals
 
     def origin_of(self, names: Sequence[str]) -> Array:
         """What the columns are linear about [P]."""
@@ -212,7 +223,7 @@ class Forced:
         inverse = np.linalg.inv(A[p:, p:] - a @ A[:p, p:] + unseen)
         spread, W = c - c.mean(0), in_effect(self.scale)
         φ = float(np.einsum("wi,ij,wj->", spread, inverse, spread)) / K * W / max(W - 1, 1)
-        return Scores(θ[p:], φ, inverse)
+        return Scores(θ[p:], θ[p:] + inverse @ c.sum(0), φ, inverse)
 
 
 class Windows:
@@ -302,10 +313,13 @@ class Windows:
         """Some of these windows, linear about the same."""
         return self if len(kept) == len(self) else Windows([self.given[k] for k in kept], self.effects, self.origin, self.feigned)
 
-    def about(self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float]) -> "Windows":
-        """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here.
+    def about(
+        self, normals: Sequence[Normals], effects: Sequence[Effect], origin: Mapping[str, float], first: "Windows | None" = None
+    ) -> "Windows":
+        """The same windows after a new simulation with effects at the strengths `origin`, against the base as simulated here, and of two
+        effects against the first alone as simulated in `first`.
 
-        Both by the same scales: of the linear prediction with every effect at once and that simulation, what misfits a window less.
+        All by the same scales: of the linear prediction with every effect at once and that simulation, what misfits a window less.
         """
         there = Windows(normals, self.effects, origin, self.feigned)
         here = Windows(self.given, self.effects, self.origin, self.feigned)
@@ -314,6 +328,10 @@ class Windows:
         there.__dict__ |= {"scale": here.scale, "noise": self.noise, "base": here.base}
         there._losses[()] = here._loss(())
         there._medians[()] = here._dispersion(())
+        if first is not None:
+            one = Windows(first.given, self.effects, first.origin, self.feigned)
+            one.__dict__["scale"], alone = here.scale, tuple(effects[:1])
+            there._losses[alone], there._medians[alone] = one._loss(alone), one._dispersion(alone)
         return there
 
     @property
@@ -356,7 +374,7 @@ class Windows:
         shows = float(np.sqrt(np.mean((feigned / effect.typical) ** 2)))
         surprise = min(decrease / φ, float(scores.θ @ np.linalg.pinv(σ2, hermitian=True) @ scores.θ))
         likelihood = 0.5 * ν * np.log1p(max(surprise, 0.0) / ν)
-        return Weight(decrease, own, φ, float(likelihood), log_averaged(scores.θ, σ2, effect, ν, shows=shows))
+        return Weight(decrease, own, φ, float(likelihood), log_averaged(scores.θ, σ2, effect, ν, asked=scores.asked, shows=shows))
 
     def _dispersion(self, beside: tuple[Effect, ...]) -> float:
         """Median φ of all effects beside some."""
@@ -366,6 +384,12 @@ class Windows:
             φ = [forced.scores(e, beside).dispersion for e in self.effects if e.name not in own]
             self._medians[beside] = float(np.median([x for x in φ if x > 0] or [1.0]))
         return self._medians[beside]
+
+
+def _stepped(n: Normals, step: Mapping[str, float]) -> Normals:
+    """Normal equations about strengths that are so much larger (column -> difference)."""
+    δ = np.array([step.get(name, 0.0) for name in n.names])
+    return replace(n, g=n.g - n.G @ δ, c=float(n.c - 2 * n.g @ δ + δ @ n.G @ δ))
 
 
 def in_effect(scale: Array) -> float:

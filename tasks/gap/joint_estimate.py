@@ -2,7 +2,7 @@
 
     θ = argmin  ½ (θ − θ_w)ᵀ C_w⁻¹ (θ − θ_w) + n E(θ)/(2 E₁)
 
-θ_w, C_w: what windows say; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/s² independent numbers, as
+θ_w, C_w: what windows say, priors in it; E(θ): quadratic about replays that are E₁ off (`replay.py`), which so are worth n = 2/s² independent numbers, as
 many as make log E scatter by the s that is assumed there. What acts fast shows in windows; a tilt, a wind or a pattern of another
 size hides there behind start states and forcing, and adds up over a whole recording. Far from the recording E₁ is large, and windows have
 the say.
@@ -21,12 +21,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
-from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded, precision
+from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded
 from tasks.gap.replay import Replayed, supported
+
+Array = NDArray[np.float64]
 
 LEAST = 0.25  # of the floor, below which no replay is foretold to come
 
@@ -39,21 +42,33 @@ def joint(windows: Fitted, told: Normals, off: Replayed, origin: Mapping[str, fl
     i = told.index([*PARAMETERS, *columns])
     at = np.array([0.0] * p + [origin.get(c, 0.0) for c in columns])
     θ_w = np.concatenate([windows.base, list(windows.strengths.values())])
-    seen = block_diag(*(np.linalg.pinv(C, hermitian=True) for C in (windows.base_covariance, windows.covariance)))
+    seen = block_diag(*_precisions(windows))
     worth = degrees(off) / off.gap
     G, g = told.G[np.ix_(i, i)] * worth, told.g[i] * worth
-    A, b = seen + G + np.diag(precision(windows.effects)), seen @ θ_w + g + G @ at
+    A, b = seen + G, seen @ θ_w + g + G @ at
     strengths = [s for e in windows.effects for s in e.strengths]
     low, high = (np.array([end] * p + [getattr(s, key) for s in strengths]) for end, key in ((-np.inf, "low"), (np.inf, "high")))
     θ, C = bounded(A, b, low, high), np.linalg.pinv(A, hermitian=True)
-    doubt = np.diag((FORM * θ[p:]) ** 2)
     return replace(
         windows,
         base=θ[:p],
         base_covariance=C[:p, :p],
         strengths=dict(zip(columns, map(float, θ[p:]), strict=True)),
-        covariance=C[p:, p:] + doubt,
+        covariance=C[p:, p:] + _of_form(θ[p:]),
     )
+
+
+def _precisions(windows: Fitted) -> tuple[Array, Array]:
+    """C_w⁻¹ of base parameters [2, 2] and strengths [K, K]."""
+    own = windows.covariance - _of_form(np.array(list(windows.strengths.values())))
+    return np.linalg.pinv(windows.base_covariance, hermitian=True), np.linalg.pinv(own, hermitian=True)
+
+
+def _of_form(θ: Array) -> Array:
+    """Covariance [K, K] of strengths between implementations of a law: windows and replays err alike by it, so that it is no disagreement,
+    and stays.
+    """
+    return np.diag((FORM * θ) ** 2)
 
 
 def degrees(off: Replayed) -> float:
@@ -64,7 +79,7 @@ def degrees(off: Replayed) -> float:
 def disagreement(asked: Fitted, windows: Fitted, off: Replayed) -> float:
     """Q of an estimate with which replays end so far `off`."""
     δ, η = asked.base - windows.base, np.array([asked.strengths[c] - θ for c, θ in windows.strengths.items()])
-    apart = sum(d @ np.linalg.pinv(C, hermitian=True) @ d for d, C in ((δ, windows.base_covariance), (η, windows.covariance)))
+    apart = sum(d @ A @ d for d, A in zip((δ, η), _precisions(windows), strict=True))
     return float(0.5 * apart + 0.5 * degrees(off) * np.log(off.gap))
 
 

@@ -81,9 +81,11 @@ def designs(
     now, _ = summed(over_scales(screened.windows), names)
     fps, length = base.subject.fps, int(np.median([w.length for w in train.windows]))
     told = {NOW: np.zeros_like(now), AGAIN: now * SECONDS * fps / sum(w.length for w in train.windows)}
-    planned = next_motions(train.recordings[0], train.states[0].x[0], train.states[0].v[0], (1 + WINDOWS) * length + 1, fps)
+    k = train.windows[0].recording  # the cloth may not have been followed into the first
+    recording, states = train.recordings[k], train.states[k]
+    planned = next_motions(recording, states.x[0], states.v[0], (1 + WINDOWS) * length + 1, fps)
     model = with_tangents(base.joined(effects, {}))
-    for motion, evidence in zip(planned, run(_followed, [(model, train.recordings[0], motion, length) for motion in planned]), strict=True):
+    for motion, evidence in zip(planned, run(_followed, [(model, recording, motion, length) for motion in planned]), strict=True):
         if evidence:
             equations = compressed(evidence, screened.prior, effects, screened.doubt)
             G, _ = summed([without_forcing(n, screened.windows.forcing) for n in equations], names)

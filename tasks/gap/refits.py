@@ -57,22 +57,38 @@ class Refitted:
 
 
 def refitted(
-    screened: Screened, data: Gathered, hypothesis: Fitted, effects: Sequence[Effect], *, start: Model | None = None, run: Map = map
+    screened: Screened,
+    data: Gathered,
+    hypothesis: Fitted,
+    effects: Sequence[Effect],
+    *,
+    start: Model | None = None,
+    beside: "Refitted | None" = None,
+    run: Map = map,
 ) -> Refitted:
     """The training windows followed once more with the hypothesis' effects at their strengths, and what a last linear step adds.
 
-    start: the model that the hypothesis was linear about (default: the refitted base). All effects keep their tangents. Where too few
-    windows can be followed so far from there, half-way.
+    start: the model that the hypothesis was linear about (default: the refitted base); beside: of two causes the first alone, as it was
+    simulated: the second is weighed by how windows of both compare with that one's. All effects keep their tangents. Where too few windows
+    can be followed so far from there, half-way.
     """
     for model in _on_the_way(screened.base.model.joined(effects, {}), start or screened.base.model, hypothesis):
         evidence = _simulated(model, screened, data, screened.evidence, run)
-        followed = [k for k, e in enumerate(evidence) if e.prediction.complete]
+        known = evidence if beside is None else beside.evidence
+        followed = [k for k, pair in enumerate(zip(evidence, known, strict=True)) if all(e.prediction.complete for e in pair)]
         if enough(len(followed), len(evidence)):
             against = screened.windows.only(followed)
-            normals = compressed([evidence[k] for k in followed], screened.prior, effects, screened.doubt)
-            about = against.about(normals, hypothesis.effects, model.by_column(hypothesis.effects))
+            both = compressed([evidence[k] for k in followed], screened.prior, effects, screened.doubt)
+            alone = None if beside is None else _alone(beside, screened, followed, effects)
+            about = against.about(both, hypothesis.effects, model.by_column(hypothesis.effects), alone)
             return Refitted(about.fit(hypothesis.effects), model, evidence, about, against=against)
     return Refitted(replace(hypothesis, weights=()), model, evidence, None)
+
+
+def _alone(first: Refitted, screened: Screened, followed: Sequence[int], effects: Sequence[Effect]) -> Windows:
+    """Some windows as they were simulated with a first cause alone."""
+    normals = compressed([first.evidence[k] for k in followed], screened.prior, effects, screened.doubt)
+    return Windows(normals, screened.windows.effects, first.model.by_column(first.hypothesis.effects))
 
 
 def _on_the_way(model: Model, start: Model, hypothesis: Fitted) -> Iterator[Model]:

@@ -16,7 +16,7 @@ from storage_schemas.gap import NUMBERS, PAGE, Gap
 from storage_schemas.registration import Registration
 from storage_schemas.tracking import Tracking
 from tasks.child_process import Pool
-from tasks.cloth.contact_sagitta import contact_sagitta
+from tasks.cloth.contact_sagitta import contact_sagitta, drawn_in
 from tasks.cloth.estimates import added_effects
 from tasks.cloth.frame_rate import steps_per_frame
 from tasks.cloth.garment import Garment, garments
@@ -33,20 +33,20 @@ from tasks.gap.zones import ZONES, zones
 from tasks.geometry.distances import closest_points
 from tasks.report.gap_page import gap_report
 from tasks.simulator import Fabric, Settings
-from tasks.stage import Folder, Job, Parameters, stage
+from tasks.stage import Folder, Job, Parameters, Positive, stage
 
 
 class GapParameters(Parameters):
-    """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: two contenders, no second cause (`trials.py`);
+    """density [kg/m³] of the cloth where it was weighed (ratios need none); quick: no second cause (`trials.py`);
     effects_folder: further effects, one Python file each, those of the cloth among them; limit_s: of simulating a second (`time_limit.py`)."""
 
-    density: float = 320.0
+    density: Positive = 320.0
     quick: bool = True
     effects_folder: Folder = None
-    limit_s: float = 600.0
+    limit_s: Positive = 600.0
 
 
-@stage("gap", version=14, pool="simulation", timeout_s=4 * 3600, spreads=True)
+@stage("gap", version=15, pool="simulation", timeout_s=4 * 3600, spreads=True)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))
@@ -91,7 +91,8 @@ def _diagnosed(
     worn = garments(tracking.vertices.astype(float), tracking.faces, tracking.uv_faces, part, tracking.seen, tracking.noise_m.astype(float))
     garment = max(worn, key=lambda g: len(g.index))
     model, recording = _subject(garment, capture, tracking, body, cloth, zone, parameters)
-    given = {e.name for e in model.effects}
+    doubt = contact_sagitta(model.subject.cloth, [recording], model.settings.barrier_distance)
+    recording, given = drawn_in(recording, doubt), {e.name for e in model.effects}
     steps = iter(range(1, 1000))
     cores = os.cpu_count() or 1
     with Pool(limit_s=time_limit(parameters.limit_s, [recording], capture.fps), at_once=cores) as pool:
@@ -99,7 +100,7 @@ def _diagnosed(
             model,
             [recording],
             [e for e in suspects(library(parameters.effects_folder).values()) if e.name not in given],
-            contact_doubt=contact_sagitta(model.subject.cloth, [recording], model.settings.barrier_distance),
+            contact_doubt=doubt,
             quick=parameters.quick,
             run=job.spread(pool.map, cores),
             abreast=cores,

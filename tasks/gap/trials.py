@@ -13,7 +13,7 @@ import numpy as np
 
 from tasks.cloth.base_parameters import moved, with_fabric
 from tasks.cloth.base_refit import BaseFit
-from tasks.cloth.shooting import Map
+from tasks.cloth.shooting import Evidence, Map
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.afresh import afresh
@@ -41,9 +41,10 @@ from tasks.gap.refits import (
     searched,
     strengths_moved,
     taken_back,
+    weighed_with,
 )
 from tasks.gap.replay import Replay, base_replays, mean, mean_normals, nearer, replayed_by
-from tasks.gap.screening import Screened
+from tasks.gap.screening import Screened, compressed, ranked
 from tasks.gap.verdict import TEMPER, told_apart, twins, with_replays
 from tasks.side_by_side import side_by_side
 
@@ -57,6 +58,7 @@ DOUBTFUL = 0.5  # doubt from which the fabric is fitted afresh with the leader i
 HARDLY = 0.1  # and from which a second cause is probed beside the leader
 PROPOSED, HALF = 3, 0.5  # effects at most that come nearest at strengths that show, and the share of the nearest's gain that they have,
 UNSURE = 0.3  # and the doubt from which as many again are simulated, whatever they gain
+MATTERS = 6.0  # evidence behind the leader's from which a cause weighs less than a hundredth of it
 
 
 class Trials:
@@ -86,6 +88,7 @@ class Trials:
         self.after: dict[str, Refitted] = {}
         self.vetoed: frozenset[str] = frozenset()
         self._asked_afresh: set[str] = set()
+        self._learnt: set[str] = set()
         tell("replays")
         found = base_replays(screened.base.model, screened.windows.effects, self.train, run)
         self._told = mean_normals(found)
@@ -105,12 +108,14 @@ class Trials:
     def simulate(self, hypothesis: Fitted, start: Model | None = None) -> Refitted:
         """Refit and replay; start: the model that the hypothesis is linear about (default: the refitted base)."""
         self.tell(f"refit with {hypothesis.name}")
-        found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, run=self.run)
-        return replayed(found, self.replays, self.train, self.run, beside=self._first_of(hypothesis))
+        first = self._first_of(hypothesis)
+        found = refitted(self.screened, self.train, hypothesis, self.effects, start=start, beside=first, run=self.run)
+        return replayed(found, self.replays, self.train, self.run, beside=first)
 
     def _first_of(self, hypothesis: Fitted) -> Refitted | None:
-        """Of two causes the first alone, as it was simulated."""
-        return self.after.get(hypothesis.effects[0].name) if len(hypothesis.effects) == 2 else None
+        """Of two causes the first alone, as it was simulated to the end."""
+        first = hypothesis.effects[0].name
+        return self.after[first] if len(hypothesis.effects) == 2 and self._stands(first) else None
 
     @property
     def singles(self) -> list[Fitted]:
@@ -126,6 +131,22 @@ class Trials:
         """These did not help on motion kept out, nor would their twins."""
         names = {e.name for e in effects}
         self.vetoed |= names | {n for pair in self.alike if pair & names for n in pair}
+
+    def learn(self, kept: Gathered, before: Sequence[Evidence]) -> None:
+        """Weigh single effects by further windows as well, all alike: those that were simulated, and matter, as they were simulated.
+
+        before: the base's evidence of these windows, with the tangents of all effects.
+        """
+        s, strongest = self.screened, self._whole(self.leader)
+        if not self._learnt:
+            followed = [e for e in before if e.prediction.complete]
+            windows = s.windows.beside(compressed(followed, s.prior, s.windows.effects, s.doubt))
+            self.screened = replace(s, windows=windows, hypotheses=tuple(ranked(windows)))
+        for name, found in self.after.items():
+            near = self._whole(found.hypothesis) > strongest - MATTERS
+            if near and len(found.hypothesis.effects) == 1 and self._stands(name) and name not in self._learnt:
+                self.after[name] = weighed_with(found, s, kept, before, self.run)
+                self._learnt.add(name)
 
     def foretold(self) -> dict[str, tuple[Fitted, float]]:
         """name -> what windows and whole recordings together ask for, and its log Bayes factor by replays, as far as derivatives about the base tell."""

@@ -174,10 +174,10 @@ def _no_larger(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[tuple[str,
 
 
 def twins(cosines: Confusability | None) -> Twins:
-    """Pairs of names whose signatures are the same up to strength."""
+    """Pairs of names whose signatures are the same up to strength, whichever their components."""
     if cosines is None:
         return frozenset()
-    i, j = np.nonzero(np.triu(np.abs(cosines.cosine) >= ALIKE, 1))
+    i, j = np.nonzero(np.triu(np.abs(cosines.least) >= ALIKE, 1))
     return frozenset(frozenset((cosines.names[a], cosines.names[b])) for a, b in zip(i, j, strict=True))
 
 

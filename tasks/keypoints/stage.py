@@ -32,7 +32,7 @@ class KeypointsParameters(Parameters):
     pixel_centre: float = Field(0.0, ge=0, le=0.5)
 
 
-@stage("keypoints", version=2, pool="vision", timeout_s=4 * 3600)
+@stage("keypoints", version=3, pool="vision", timeout_s=4 * 3600)
 def keypoints(job: Job, capture: Capture, parameters: KeypointsParameters) -> Keypoints:
     """Detect in all frames and cameras, or read what was detected elsewhere."""
     recording = recorded(capture, job.recording)
@@ -72,11 +72,7 @@ def _follow(detector: Detector, recording: Recording, job: Job) -> RigKeypoints:
 
 
 def _read(path: Path, recording: Recording, pixel_centre: float) -> Keypoints:
-    uv, score = read_keypoints(path, recording.cameras.names, pixel_centre=pixel_centre)
-    if len(uv) != len(recording.frames):
-        raise BadInput(
-            [Fault(str(path), f"it has {len(uv)} frames, the recording {len(recording.frames)}", "Give keypoints for every frame.")]
-        )
+    uv, score = read_keypoints(path, recording.cameras.names, frames=len(recording.frames), pixel_centre=pixel_centre)
     return Keypoints(
         keypoints=uv.astype(np.float32),
         score=score.astype(np.float32),

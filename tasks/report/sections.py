@@ -180,7 +180,7 @@ def truth_section(scores: dict[str, Any]) -> Section:
 
 
 def provenance_section(stages: dict[str, dict[str, Any]], warnings: Sequence[str]) -> Section:
-    """Seconds each stage took when it was computed, its key and the warnings of the recording."""
+    """Seconds each stage took when it was computed, its key and the warnings."""
     rows = [[name, s["seconds"], s["key"][:12]] for name, s in stages.items()]
     return Section("Stages", tables=[Table(["stage", "seconds when computed", "key"], rows)], warnings=warnings)
 

@@ -30,7 +30,7 @@ EVIDENCE = {PAGE: "What that rests on, figure by figure", NUMBERS: "The same in 
 
 
 class ReportParameters(Parameters):
-    """scores: figures against a truth, from a scorer outside the stages; stages: seconds and keys, for the last section."""
+    """scores: figures against a truth, from a scorer outside the stages; stages: seconds, keys and warnings, for the last section."""
 
     scores: dict[str, Any] | None = None
     stages: dict[str, dict[str, Any]] = Field(default_factory=dict)
@@ -60,7 +60,7 @@ def report(
         *([_body(view, registration or body, capture)] if body else []),
         *([_keypoints(view, keypoints, body)] if keypoints else []),
         *([_appearance(appearance, capture)] if appearance else []),
-        sections.provenance_section(parameters.stages, capture.warnings),
+        sections.provenance_section(parameters.stages, _warnings(capture, parameters.stages)),
     ]
     subtitle = f"{len(capture.camera_names)} cameras, {len(capture.frame_numbers)} frames at {capture.fps:g} frames/s"
     verdict = gap.verdict["verdict"]["sentence"] if gap else "The cloth of this recording was not simulated: no gap to report."
@@ -89,6 +89,12 @@ class _View:
         recording = recorded(capture, job.recording)
         shown = np.unique(np.linspace(0, len(recording.cameras) - 1, VIEWS).round().astype(int))
         return cls(t, shown, recording.cameras.subset(shown), [recording.read_rgb(int(camera), t) for camera in shown])
+
+
+def _warnings(capture: Capture, stages: dict[str, dict[str, Any]]) -> list[str]:
+    """Of the recording, then of the stages by their name."""
+    told = {name: s.get("warnings", []) for name, s in stages.items() if name != "capture"}
+    return [*capture.warnings, *(f"{name}: {said}" for name, warnings in told.items() for said in warnings)]
 
 
 def _cause(gap: Gap) -> Section:

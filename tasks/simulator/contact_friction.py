@@ -22,7 +22,10 @@ Array = NDArray[np.float64]
 
 
 class ContactFriction(Potential):
-    """Friction μ against the collider and μ_self among cloth, on the normal forces of `barrier`. Keeps the pairs of the step at hand."""
+    """Friction μ against the collider and μ_self among cloth, on the normal forces of `barrier`. Keeps the pairs of the step at hand.
+
+    The parameter `friction` is both coefficients at once, `friction_collider` and `friction_self` are one each.
+    """
 
     parameters = ("log_density", "friction", "friction_collider", "friction_self")
 

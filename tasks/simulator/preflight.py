@@ -15,9 +15,12 @@ from tasks.geometry.distances import closest_points, signed_distance
 from tasks.geometry.faults import Fault
 from tasks.geometry.meshes import vertex_normals
 from tasks.simulator.cloth import Cloth, Collider
-from tasks.simulator.contact_friction import ContactFriction
+from tasks.simulator.contact_barrier import ContactBarrier
 from tasks.simulator.contact_surface import ContactSurface
-from tasks.simulator.gravity import Gravity
+from tasks.simulator.hinge_bending import HingeBending
+from tasks.simulator.inertia import Inertia
+from tasks.simulator.membrane_neohookean import MembraneNeoHookean
+from tasks.simulator.membrane_stvk import MembraneStVK
 from tasks.simulator.newton import CONVERGED, Problem, solve
 from tasks.simulator.potential import Step
 from tasks.simulator.yielding import draw_in
@@ -27,6 +30,14 @@ TIME = 0.02  # s of the inertia that holds cloth in its place [s]: the larger, t
 NEAREST = 0.01  # share of the barrier distance that a start may keep: cloth pressed onto a body rests at 0.03 of it, and goes on from there
 ATTEMPTS = 12
 FAR = 1e3  # [m] from which no collider touches cloth
+# of terms: weight, wind or friction would move cloth by themselves
+HOLDING = (
+    Inertia,
+    MembraneStVK,
+    MembraneNeoHookean,
+    HingeBending,
+    ContactBarrier,
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +78,7 @@ def separate(problem: Problem, cloth: Cloth, collider: Collider, x: Array, colli
         alone = inspect(problem, cloth, collider, x, collider_x + FAR, least=_least(surface))  # no drawing in helps cloth in its own way
         reasons = alone or inspect(problem, cloth, collider, x, collider_x, least=_least(surface))
         return Separated(x, 0.0, "cloth cannot be freed: " + "; ".join(map(str, reasons[:3])))
-    held = replace(problem, potentials=[p for p in problem.potentials if not isinstance(p, (Gravity, ContactFriction))])
+    held = replace(problem, potentials=[p for p in problem.potentials if isinstance(p, HOLDING)])
     still = np.zeros_like(x)
     step = Step(TIME, TIME, x, still, x, still, collider_x, small, small)
     surface.forget()

@@ -1,7 +1,9 @@
 """How a simulation is computed, apart from what is simulated."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
+
+from tasks.geometry.faults import Fault
 
 
 @dataclass(frozen=True)
@@ -44,3 +46,12 @@ class Settings:
 
 
 BASE = Settings()
+AT_LEAST = {"substeps": 1, "newton_iterations": 1, "halvings": 0, "contact_offset": 0.0, "velocity_tolerance": 0.0}
+POSITIVE = ("barrier_distance", "contact_acceleration", "friction_velocity", "acceleration_tolerance")
+
+
+def settings_faults(settings: Settings) -> list[Fault]:
+    """Numbers with which nothing can be computed."""
+    given = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    faults = [Fault(n, f"{given[n]}", f"Give {least} or more.") for n, least in AT_LEAST.items() if not given[n] >= least]
+    return faults + [Fault(n, f"{given[n]}", "Give a positive number.") for n in POSITIVE if not given[n] > 0]

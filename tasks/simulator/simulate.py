@@ -16,7 +16,7 @@ from tasks.simulator.fabric import Fabric
 from tasks.simulator.newton import CONVERGED, Problem, Solution
 from tasks.simulator.potential import Potential, Step
 from tasks.simulator.preflight import Separated, inspect, separate
-from tasks.simulator.settings import BASE, Settings
+from tasks.simulator.settings import BASE, Settings, settings_faults
 from tasks.simulator.standing import Standing
 from tasks.simulator.tangents import Modes, Tangents
 from tasks.simulator.time_integration import Rule, State, known, rule
@@ -31,7 +31,8 @@ class Frame:
     """One frame: cloth x [V, 3] m and v [V, 3] m/s; tangents: name -> (∂x/∂θ, ∂v/∂θ) [V, 3]; Newton iterations of its steps; how it ended.
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
-    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way where it pinched cloth; `moved` [m]: in frame 0, the
+    `collider` [C, 3] is where the collider stood, `yielded` how far it gave way there where it pinched cloth (and not in substeps before);
+    `moved` [m]: in frame 0, the
     largest move that freed the start from the collider. `seconds`: processor time.
     """
 
@@ -83,7 +84,8 @@ def simulate(
     x0 = cloth.x_rest.copy() if x0 is None else np.array(x0, float)
     v0 = np.zeros_like(x0) if v0 is None else np.array(v0, float)
     collider_motion, boundary_motion = _motion(collider_motion), _motion(boundary_motion)
-    refuse([*_faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0, resume), *fabric_faults(fabric)])
+    faults = _faults(cloth, collider, collider_motion, boundary_motion, fps, x0, v0, resume)
+    refuse([*faults, *settings_faults(settings), *fabric_faults(fabric)])
     areas_of = collider_motion[0] if collider_rest is None else collider_rest
     problem = base_problem(cloth, fabric, collider, areas_of, settings=settings, potentials=potentials)
     walk = _Walk(problem, cloth, collider, settings)
@@ -269,6 +271,6 @@ def _faults(
         faults.append(Fault("collider.faces", f"they name vertex {wild[0]} of {C}", "Give the faces of collider_motion."))
     if not len(motion):
         faults.append(Fault("collider_motion", "it has no frames", "Give at least the start."))
-    if not fps > 0:
+    if not 0 < fps < np.inf:
         faults.append(Fault("fps", f"{fps}", "Give frames per second."))
     return faults

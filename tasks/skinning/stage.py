@@ -1,6 +1,7 @@
 """The door of skinning: weights for the tracked surface from the body at the first frame, and its shape in the rest pose."""
 
 import numpy as np
+from pydantic import Field
 
 from storage_schemas.registration import Registration
 from storage_schemas.skinning import Skinning
@@ -13,8 +14,8 @@ from tasks.stage import Job, Parameters, stage
 class SkinningParameters(Parameters):
     """Limits of a match (Abdrashitov et al. 2023): distance as a share of the bounding box's diagonal, angle between normals in degrees."""
 
-    distance: float = 0.05
-    angle_deg: float = 30.0
+    distance: float = Field(default=0.05, gt=0, le=1)
+    angle_deg: float = Field(default=30.0, gt=0, le=180)
 
 
 @stage("skinning", version=1, pool="tracking", timeout_s=3600)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from storage_schemas.body import Body
 from storage_schemas.capture import Capture
@@ -27,7 +28,7 @@ NO_PATTERN = (
 class TrackingParameters(Parameters):
     """template: the surface at the first frame; by default the recording's own, else a visual hull with this many vertices."""
 
-    hull_vertices: int = 4000
+    hull_vertices: int = Field(default=4000, ge=4)
     camera_gain: bool = True
 
 

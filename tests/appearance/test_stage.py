@@ -97,5 +97,7 @@ def test_a_judge_that_is_not_in_the_rig_is_refused(sequence):
 
 @pytest.mark.parametrize("choice", ["reduce=0", "frames=0", "texture_size=0", "held_out=-1"])
 def test_choices_out_of_range_are_refused_before_anything_runs(choice, tmp_path):
+    empty = tmp_path / "empty.toml"
+    empty.touch()
     with pytest.raises(BadInput, match=choice.split("=")[0]):
-        config.load([f"appearance.{choice}"], file=tmp_path / "none.toml")
+        config.load([f"appearance.{choice}"], file=empty)

@@ -253,6 +253,36 @@ def test_every_fault_is_found_at_once(sequence):
     assert len(found) == 9
 
 
+def test_the_first_mask_of_every_camera_is_decoded(sequence):
+    """Of another range than 0 to 255, and too large a file to look empty; the later ones are as it is."""
+    for name in NAMES[:2]:
+        for frame in FRAMES:
+            Image.fromarray(np.random.default_rng(0).integers(0, 101, (48, 64), np.uint8)).save(mask(sequence, name, frame))
+    found = faults_of(sequence)
+    assert [f.split(":")[0] for f in found] == [str(mask(sequence, name, 0)) for name in NAMES[:2]]
+    assert all("with 100 as the largest value in channel 0" in f for f in found)
+    mask(sequence, "Cam001", 0).unlink()  # frame 1 is then the first
+    assert str(mask(sequence, "Cam001", 1)) in faults_of(sequence, cameras=["Cam001"], frames=[1, 2])[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("v 1 0 0", "v 1000 0 0", "metres"),
+        ("v 1 0 0", "v 0 0 0", "lie exactly on others"),
+        ("v 0 0 0", "g Body\nv 0 0 0", "a part 'Body'"),
+        ("v 0 0 0", "g upper/skirt\nv 0 0 0", "a part 'upper/skirt'"),
+    ],
+)
+def test_a_template_that_cannot_be_tracked_is_told_with_all_else(sequence, old, new, says):
+    template = sequence / "template" / "template.obj"
+    template.write_text(TRIANGLE.replace(old, new))
+    picture(sequence, "Cam001", 1).unlink()
+    found = faults_of(sequence)
+    assert "frames are missing" in found[0]
+    assert any(f.startswith(str(template)) and says in f for f in found[1:])
+
+
 def test_camera_without_pictures(sequence):
     shutil.rmtree(sequence / "4x" / "rgbs" / "Cam002")
     assert "no pictures" in faults_of(sequence)[0]

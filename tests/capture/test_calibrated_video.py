@@ -127,6 +127,40 @@ def test_no_calibration(tmp_path, text):
             read_opencv(tmp_path / name)
 
 
+def written(tmp_path: Path, change) -> Path:
+    """A calibration of two cameras, changed as JSON."""
+    write_opencv(tmp_path / "r.json", distorted_rig())
+    content = json.loads((tmp_path / "r.json").read_text())
+    change(content)
+    (tmp_path / "r.json").write_text(json.dumps(content))
+    return tmp_path / "r.json"
+
+
+def renamed(old: str, new: str):
+    return lambda content: content["cameras"]["Cam002"].update({new: content["cameras"]["Cam002"].pop(old)})
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (renamed("distortion_coefficients", "dist"), "Cam002: has the key 'dist', .* Did you mean 'distortion_coefficients'"),
+        (renamed("distortion_coefficients", "distCoeffs"), "Cam002: .*'distCoeffs', .* Did you mean 'distortion_coefficients'"),
+        (lambda content: content["cameras"]["Cam001"].update(k1=0.1), "Cam001: .*'k1', .* Known here: image_width, .*tvec"),
+        (lambda content: content.update(units="mm"), "r.json: .*'units', .* Did you mean 'unit'"),
+        (lambda content: content["cameras"]["Cam001"].update(fisheye_model=1), "Cam001: .*fisheye"),
+    ],
+)
+def test_keys_that_nobody_knows_are_refused(tmp_path, change, says):
+    with pytest.raises(BadInput, match=says):
+        read_opencv(written(tmp_path, change))
+
+
+def test_what_opencv_writes_beside_a_lens_is_left_aside(tmp_path):
+    beside = {"calibration_time": "today", "nframes": 20, "board_width": 9, "flags": 0, "fisheye_model": 0, "image_points": []}
+    back, _ = read_opencv(written(tmp_path, lambda content: content["cameras"]["Cam001"].update(beside)))
+    np.testing.assert_allclose(back.distortion, distorted_rig().distortion)
+
+
 def test_a_reflection_is_no_rotation(tmp_path):
     rig = distorted_rig()
     rig.R[1] *= -1

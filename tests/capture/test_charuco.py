@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.capture.charuco import Board, calibrate_charuco
+from tasks.capture.charuco import Board, board_faults, calibrate_charuco
 from tasks.capture.rig_calibration import levelled, moved, scaled_to
 from tasks.geometry.cameras import Cameras, project
 from tasks.geometry.faults import BadInput
@@ -125,6 +125,25 @@ def test_cameras_without_a_chain_of_boards_are_named():
         calibrate(rig, corners_seen(rig, carried(25), 0.0), floor_frame=99)
 
 
+@pytest.mark.parametrize(
+    ("board", "says"),
+    [
+        (BOARD, []),
+        (Board(5, 3, 0.06, 0.045), []),
+        (Board(9, 6, 0.06, 0.07), ["markers of 0.07 m on squares of 0.06 m"]),
+        (Board(9, 6, 60, 45), ["markers of 45 m on squares of 60 m"]),
+        (Board(9, 6, 0.06, float("nan")), ["markers of nan m"]),
+        (Board(1, 1, 0.06, 0.0), ["1 x 1 squares", "markers of 0 m"]),
+        (Board(-9, -6, 0.06, 0.045), ["-9 x -6 squares"]),
+        (Board(25, 21, 0.06, 0.045), ["25 x 21 squares. Every other one shows a marker, and DICT_5X5_250 has 250"]),
+    ],
+)
+def test_boards_that_cannot_be_printed_or_used(board, says):
+    found = board_faults(board)
+    assert len(found) == len(says)
+    assert all(word in str(fault) for word, fault in zip(says, found))
+
+
 def test_a_moved_rig_sees_moved_points():
     rig, rng = studio(), np.random.default_rng(0)
     R, t, x = matrix_from_axis_angle(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=(5, 3)) * 0.3
@@ -133,7 +152,7 @@ def test_a_moved_rig_sees_moved_points():
     np.testing.assert_allclose(levelled(rig).R[:, 1, 1], level.R[:, 1, 1], atol=1e-9)
     C = scaled_to(rig, ("Cam001", "Cam003", 1.0)).centres()
     assert np.linalg.norm(C[0] - C[2]) == pytest.approx(1)
-    with pytest.raises(BadInput, match="no placed camera 'Cam099'"):
+    with pytest.raises(BadInput, match="no camera 'Cam099'"):
         scaled_to(rig, ("Cam001", "Cam099", 1.0))
 
 

@@ -7,6 +7,7 @@ from PIL import Image
 
 from tasks.capture.images import picture_fault, read_header, read_mask, read_rgb
 from tasks.geometry.faults import BadInput
+from tests.capture.recordings import mask_of
 
 
 @pytest.fixture
@@ -75,6 +76,32 @@ def test_masks_keep_channel_zero_and_empty_ones_are_found(tmp_path):
 def test_opencv_masks_empty_at_full_size(tmp_path):
     cv2.imwrite(str(tmp_path / "m.png"), np.zeros((3008, 4112), np.uint8))
     assert "empty" in picture_fault(tmp_path / "m.png", (4112, 3008), mask=True).what
+
+
+SHAPE = mask_of(80, 60)  # 255 on the actor
+WHITE = np.full((60, 80), 255, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("mode", "channels", "says"),
+    [
+        ("L", [SHAPE // 255], "with 1 as the largest value in channel 0; masks are 0 to 255, above 127 is the actor"),
+        ("RGB", [SHAPE // 2, SHAPE, SHAPE], "with 127 as the largest value in channel 0"),
+        ("RGBA", [0 * SHAPE, 0 * SHAPE, 0 * SHAPE, SHAPE], "in the alpha channel alone"),
+        ("RGBA", [WHITE, WHITE, WHITE, SHAPE], "in the alpha channel alone"),
+        ("RGBA", [0 * SHAPE, 0 * SHAPE, 0 * SHAPE, WHITE], "an empty mask"),
+        ("L", [0 * SHAPE], "an empty mask"),
+        ("RGBA", [SHAPE, SHAPE, SHAPE, SHAPE], None),
+        ("RGBA", [SHAPE, SHAPE, SHAPE, WHITE], None),
+        ("L", [WHITE], None),
+    ],
+)
+def test_a_mask_in_which_nobody_is_seen_says_why(tmp_path, mode, channels, says):
+    path = tmp_path / "m.png"
+    Image.merge(mode, [Image.fromarray(c) for c in channels]).save(path)
+    fault = picture_fault(path, (80, 60), mask=True, deep=True)
+    assert fault is None if says is None else says in fault.what
+    assert says is None or ("Segment the frame again" in fault.remedy) == ("empty" in says)
 
 
 @pytest.mark.parametrize(

@@ -71,5 +71,7 @@ def test_too_few_pictures_and_too_little_time():
     blank = {n: np.full((24, 32, 3), 100, np.uint8) for n in ("a", "b", "c")}
     with pytest.raises(BadInput, match="there are 2"):
         calibrate_from_pictures({n: blank[n] for n in "ab"}, baseline=("a", "b", 1.0))
+    with pytest.raises(BadInput, match="no camera 'd'"):  # before COLMAP is begun
+        calibrate_from_pictures(blank, baseline=("a", "d", 1.0), timeout_s=0.01)
     with pytest.raises(BadInput, match=r"longer than 0\.01 s"):
         calibrate_from_pictures(blank, baseline=("a", "b", 1.0), timeout_s=0.01)

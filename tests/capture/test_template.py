@@ -61,6 +61,15 @@ def test_polygons_become_fans(tmp_path):
     assert t.part.tolist() == ["body", "body"]
 
 
+def test_a_byte_order_mark_belongs_to_no_line(tmp_path):
+    text = SEAM.split("\n", 1)[1]  # the first vertex on the first line
+    marked = tmp_path / "marked.obj"
+    marked.write_text(text, encoding="utf-8-sig")
+    t, plain = read_template(marked), read_template(write(tmp_path, text))
+    for name in t.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(t, name), getattr(plain, name))
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 def test_ply_against_obj(tmp_path, encoding):
     import trimesh

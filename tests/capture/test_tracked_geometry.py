@@ -187,6 +187,117 @@ def test_all_faults_at_once_and_unknown_keys_warned_about(tmp_path, full):
     assert "'studio'" in read(tmp_path, full | {"studio": np.ones(1)}).warnings[0]
 
 
+def strip(rng: np.random.Generator, n: int = 12) -> dict:
+    """Cloth of 0.6 m in edges of about 5 cm that sways for T frames, its rest shape, and a body."""
+    x, faces = square(n)
+    x = 0.6 * x + rng.normal(scale=2e-3, size=x.shape)
+    moving = x + 0.02 * np.arange(T)[:, None, None] * [0, 1, 2]
+    body = {"collider_vertices": moving - [0, 0, 0.1], "collider_faces": faces}
+    return {"vertices": moving, "faces": faces, "fps": 25, "rest_vertices": x} | body
+
+
+def tube(count: int) -> np.ndarray:
+    """A skirt of rings of 24 vertices, 5 cm from one another."""
+    ring, turn = np.arange(count) // 24, 2 * np.pi * np.arange(count) / 24
+    return np.stack([0.19 * np.cos(turn), 0.05 * ring, 0.19 * np.sin(turn)], 1)
+
+
+NOT_ITS_REST = {
+    "cloth in cm": ("vertices", lambda x, rng: 100 * x, "vertices: its bounding box has a diagonal of"),
+    "rest in cm": ("rest_vertices", lambda x, rng: 100 * x, "rest_vertices: its bounding box has a diagonal of"),
+    "rest ten times": ("rest_vertices", lambda x, rng: 10 * x, "rest_vertices: its edges are 10 times as long as those of frame 0"),
+    "rest a tenth": ("rest_vertices", lambda x, rng: x / 10, "rest_vertices: its edges are 0.1 times as long"),
+    "rest in feet": (
+        "rest_vertices",
+        lambda x, rng: x / 0.3048,
+        "rest_vertices: its edges are 3.28 times as long as those of frame 0, half of them 3.2",
+    ),
+    "another order": ("rest_vertices", lambda x, rng: rng.permutation(x), "half of them 3"),
+    "a half in another order": ("rest_vertices", lambda x, rng: np.concatenate([x[:72], rng.permutation(x[72:])]), "half of them 1 to 4"),
+    "another garment": ("rest_vertices", lambda x, rng: tube(len(x)), "half of them"),
+    "a frame with a face of no area": (
+        "vertices",
+        lambda x, rng: np.where(np.arange(144)[:, None] == 1, x[:, :1], x),
+        "vertices: 1 faces have no area",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", NOT_ITS_REST)
+def test_a_rest_shape_that_is_not_the_garments_is_refused(tmp_path, what):
+    """Cloth in cm with its rest shape in metres had been fitted."""
+    (key, change, says), rng = NOT_ITS_REST[what], np.random.default_rng(0)
+    arrays = strip(rng)
+    read(tmp_path, arrays)
+    assert says in faults_of(tmp_path, arrays | {key: change(arrays[key], rng)})
+
+
+def test_a_rest_shape_is_compared_with_what_is_known_where_no_frame_is_whole(tmp_path):
+    rng = np.random.default_rng(0)
+    arrays = strip(rng)
+    arrays |= {"observed": rng.random(arrays["vertices"].shape[:2]) < np.array([0.5, 0.9, 0.8, 0.7])[:, None]}
+    arrays["vertices"] = np.where(arrays["observed"][..., None], arrays["vertices"], 0)  # as trackers write what they did not see
+    read(tmp_path, arrays)
+    assert "as long as those of frame 1" in faults_of(tmp_path, arrays | {"rest_vertices": 3 * arrays["rest_vertices"]})
+
+
+def test_a_garment_of_another_size_or_stretched_is_the_same_garment(tmp_path):
+    arrays = strip(np.random.default_rng(0))
+    for factor in (0.6, 1.8, [1.9, 0.6, 1]):
+        read(tmp_path, arrays | {"rest_vertices": arrays["rest_vertices"] * factor})
+
+
+def test_what_is_wrong_with_the_faces_is_told_once(tmp_path):
+    arrays = strip(np.random.default_rng(0))
+    arrays["faces"] = np.where(np.arange(len(arrays["faces"]))[:, None] == 3, arrays["faces"][:, ::-1], arrays["faces"])
+    assert faults_of(tmp_path, arrays).count("Orient all faces") == 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("noise_m", 0.5), ("noise_m", np.full(144, 0.5)), ("noise_cov", np.broadcast_to(0.25 * np.eye(3), (T, 144, 3, 3)))],
+)
+@pytest.mark.parametrize("rest", [True, False])
+def test_noise_in_millimetres_is_refused(tmp_path, key, value, rest):
+    arrays = strip(np.random.default_rng(0))
+    arrays = arrays if rest else {k: v for k, v in arrays.items() if k != "rest_vertices"}
+    read(tmp_path, arrays | {"noise_m": np.where(np.arange(144) < 50, 0.5, 0.01)})  # a third is as good as unknown
+    assert f"{key}: is 0.5 m in the median, and the edges of the garment are 0.0" in faults_of(tmp_path, arrays | {key: value})
+
+
+def test_a_body_without_vertices_is_refused(tmp_path):
+    arrays = strip(np.random.default_rng(0))
+    empty = {"collider_vertices": np.zeros((T, 0, 3)), "collider_faces": np.zeros((0, 3), int)}
+    said = faults_of(tmp_path, arrays | empty)
+    assert said.count("is empty. Leave the key out.") == 2 and "collider_vertices: is empty" in said
+
+
+@pytest.mark.parametrize("key", ["vertices", "collider_vertices"])
+@pytest.mark.parametrize(
+    ("frames", "says"),
+    [
+        ([2], "0 m across in 1 of 4 frames, the first is frame 2; the median is 0.8"),
+        ([0], "0 m across in 1 of 4 frames, the first is frame 0"),
+        ([1, 3], "0 m across in 2 of 4 frames, the first is frame 1"),
+    ],
+)
+def test_a_frame_gone_to_a_point_is_refused_by_its_number(tmp_path, key, frames, says):
+    arrays = strip(np.random.default_rng(0))
+    arrays[key] = np.where(np.isin(np.arange(T), frames)[:, None, None], 0.0, arrays[key])
+    assert f"{key}: {says}" in faults_of(tmp_path, arrays)
+    seen = np.broadcast_to(~np.isin(np.arange(T), frames)[:, None], (T, 144))
+    if key == "vertices":  # zeros that count as not seen are what trackers write
+        assert read(tmp_path, arrays | {"observed": seen}).observed.any()
+        del arrays["rest_vertices"]
+        assert read(tmp_path, arrays | {"observed": seen, "boundary": np.array([])}).observed.any()
+
+
+def test_few_vertices_close_together_are_no_frame_gone_to_a_point(tmp_path):
+    arrays = strip(np.random.default_rng(0)) | {"boundary": np.array([0])}
+    arrays["vertices"][1:, 1:] = np.nan
+    assert read(tmp_path, arrays).observed.sum() == 144 + T - 1
+
+
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_units_that_no_garment_has(tmp_path, full, factor):
     keep = {k: full[k] for k in ("faces", "fps")}

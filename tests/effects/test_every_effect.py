@@ -280,6 +280,13 @@ def _stays(scene: Callable[[], tuple], effect: Effect) -> None:
     assert np.abs(seen(scene(), effect, effect.typical) - x).max() < 1e-6
 
 
+@pytest.mark.parametrize("effect", [e for e in LIBRARY.values() if e.keeps & {"momentum", "energy", "shape"}], ids=lambda e: e.name)
+def test_what_is_claimed_of_flying_cloth_is_claimed_by_what_moves_it(effect):
+    """Else the claim could not fail: a body that is not there lags as it likes."""
+    x = np.stack([f.x for f in base(flying)])
+    assert np.abs(seen(flying(), effect, effect.typical) - x).max() > 1e-7
+
+
 @claiming("momentum")
 def test_momentum_of_flying_cloth_is_kept(effect):
     m = FABRIC.areal_density * flying()[0].cloth.vertex_areas

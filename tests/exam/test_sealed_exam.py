@@ -1,19 +1,24 @@
 """A small sealed exam from end to end: made, diagnosed behind the hook, guessed at by chance, marked, and added to a scoreboard."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
 from flows import exam
+from tasks.exam.generator import making
+from tasks.exam.generator.subject import drawn_subject
 from tasks.exam.rivals.library import rivals
 from tasks.exam.scorer.page import page
 
 CASES = 6
+VERTICES = 120  # of a garment's coarse mesh, for the whole to end within ten minutes; an exam's has 250 to 290
 
 
 @pytest.mark.slow
-def test_a_small_sealed_exam(tmp_path):
+def test_a_small_sealed_exam(tmp_path, monkeypatch):
+    monkeypatch.setattr(making, "drawn_subject", partial(drawn_subject, vertices=VERTICES))
     board, folder = tmp_path / "board.jsonl", exam.Folder(tmp_path / "exam")
     sitting, chance = exam.Exam(folder, CASES, 0, "sealed"), [rivals()["chance"]]
     result = exam.sit(sitting, rivals=chance, scoreboard=board)

@@ -131,6 +131,16 @@ def test_a_diagnosis_that_fails_is_a_wrong_answer_not_a_missing_case(folder, mon
     assert (folder.answer(7) / "stderr.txt").read_text() == "it broke"
 
 
+@pytest.mark.parametrize("told", [json.dumps(ANSWER), json.dumps(ANSWER)[:-9]])
+def test_an_answer_stands_once_it_is_given_whole(folder, monkeypatch, told):
+    """`gap run` tells it before the blind prediction, and ends with 1 where only that could not be made."""
+    monkeypatch.setattr(exam, "run_apart", lambda command, place: (told, "blind prediction: could not be made", 1))
+    exam.diagnose(folder, 7)
+    row, whole = exam.mark(folder, 7), told.endswith("}")
+    assert row["failed"] != whole and row["kind"] == ("none" if whole else "failed")
+    assert "after_mm" not in row
+
+
 @pytest.mark.parametrize("ask", [exam.diagnose, lambda folder, number: exam.ask(folder, number, ["chance"])])
 def test_code_that_cannot_be_imported_has_not_answered(folder, monkeypatch, tmp_path, ask):
     """Of a version that lacked a name, 134 cases were once told as failed by rivals that had never begun."""

@@ -89,6 +89,7 @@ BROKEN = {
     "person of 1.7 mm": lambda f: scale_template(f, 0.001),
     "template non-manifold": lambda f: (f / "template/template.obj").open("a").write("v 0 -2 0\nf 1 2 9\n"),
     "template zero area": lambda f: (f / "template/template.obj").open("a").write("f 1 2 2\n"),
+    "part named as a path": lambda f: template(f, "g body", "g ../../etc"),
     "template winding": lambda f: template(f, "f 1 2 4", "f 2 1 4"),
 }
 
@@ -182,6 +183,13 @@ def test_what_a_later_stage_will_lack_is_told_before_work(place, kept, capsys, w
     assert contents(Path("artifacts")) == kept
 
 
+def test_one_camera_serves_for_the_capture_alone(place):
+    settings = load([f"capture.recording={place}", 'capture.cameras=["Cam001"]'])
+    with pytest.raises(BadInput, match=f"{place}/1x: there is 1 camera, .*--until capture"):
+        preflight(settings, "keypoints")
+    preflight(settings, "capture")
+
+
 @pytest.fixture
 def dressed(monkeypatch, tmp_path):
     """A recording of enough frames and with a garment: all that comes before the appearance can be had."""
@@ -207,6 +215,43 @@ def test_pictures_without_appearance_are_refused_before_work_and_serve_for_the_r
         with pytest.raises(BadInput, match=f"{dressed}.*{said}.*, or stop earlier: --until gap"):
             preflight(settings, until)
     preflight(settings, "gap")
+
+
+FRAMES, CAMERAS = recordings.FRAMES, recordings.CAMERAS
+NO_KEYPOINTS = {
+    "text": (lambda file: file.write_text("no keypoints"), "not a readable .npz"),
+    "absent": (lambda file: None, "no such file or folder"),
+    "a frame too many": (lambda file: np.savez(file, keypoints=pixels(FRAMES + 1, CAMERAS)), "it has 3 frames, the recording 2"),
+    "a camera too few": (lambda file: np.savez(file, keypoints=pixels(FRAMES, CAMERAS - 1)), "the recording has 4 cameras"),
+    "shares of the picture": (lambda file: np.savez(file, keypoints=pixels(FRAMES, CAMERAS) / 64), "lie within 1 px"),
+}
+
+
+def pixels(frames: int, cameras: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform(1, 64, (frames, cameras, 133, 3)) / [1, 1, 64]
+
+
+@pytest.mark.parametrize("what", NO_KEYPOINTS)
+def test_keypoints_found_elsewhere_that_are_none_of_this_recording_are_refused_before_work(place, kept, capsys, what):
+    change, said = NO_KEYPOINTS[what]
+    change(Path("k.npz"))
+    assert submit("--set", "keypoints.file=k.npz", until="keypoints") == 2
+    told = capsys.readouterr().err
+    assert "k.npz" in told and said in told.replace("\n", " ")
+    assert contents(Path("artifacts")) == kept
+
+
+def test_keypoints_of_a_broken_recording_leave_its_faults_told_once(place, capsys):
+    """Whose they should be nobody knows then."""
+    BROKEN["truncated jpeg"](place)
+    np.savez("k.npz", keypoints=pixels(FRAMES, CAMERAS))
+    assert submit("--set", "keypoints.file=k.npz", until="keypoints") == 2
+    assert capsys.readouterr().err.count("Cam002_rgb000001") == 1
+
+
+def test_keypoints_found_elsewhere_pass_where_they_fit(place):
+    np.savez("k.npz", keypoints=pixels(FRAMES, CAMERAS))
+    preflight(load([f"capture.recording={place}", "keypoints.file=k.npz"]), "keypoints")
 
 
 def test_pictures_through_a_lens_are_refused_before_work(tmp_path):

@@ -8,6 +8,8 @@ import sys
 import pytest
 
 from flows import cli
+from flows.service import hand_over
+from storage_schemas.store import Store
 from tests.flows.recordings import tiny_recording
 
 
@@ -44,7 +46,7 @@ def test_a_reader_who_has_enough_is_no_error():
         (["submit", "nobody", "--until", "dessert"], "there is no stage 'dessert'"),
         (["logs"], "there are no runs yet"),
         (["cancel", "x"], "no run's id begins with 'x'"),
-        (["artifacts", "show", "ff"], "0 artifacts"),
+        (["artifacts", "show", "ff"], "there is no store"),
         (["frobnicate"], ""),
     ],
 )
@@ -86,6 +88,7 @@ def test_stages_as_json(place, capsys):
 
 
 def test_a_store_from_the_future_is_refused(place, capsys):
+    Store("artifacts")
     assert run("artifacts", "ls") == 0
     version = next((place / "artifacts").glob("STORE_VERSION*"))
     version.write_text(version.read_text().replace("1", "999"))
@@ -106,10 +109,12 @@ def test_a_run_in_the_background_waits_for_itself(place, monkeypatch, flag):
     ]
 
 
-def test_bad_input_is_told_before_a_run_goes_to_the_background(place, monkeypatch, capsys):
+@pytest.mark.parametrize("flag", ["--no-wait", "--service"])
+def test_bad_input_is_told_before_a_run_goes_elsewhere(place, monkeypatch, capsys, flag):
     monkeypatch.setattr(cli.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
-    assert run("submit", "nobody", "--no-wait") == 2
+    monkeypatch.setattr(hand_over, "hand_over", lambda *_, **__: pytest.fail("handed over"))
+    assert run("submit", "nobody", flag) == 2
     assert "there is no such actor" in capsys.readouterr().err
     tiny_recording(place / "data", actor="ann", sequence="walk")
-    assert run("submit", "ann", "--no-wait") == 2  # without a template there is nothing to tell cloth from skin
+    assert run("submit", "ann", flag) == 2  # without a template there is nothing to tell cloth from skin
     assert "no garment to simulate" in capsys.readouterr().err

@@ -98,6 +98,54 @@ def test_a_recording_to_learn_from_cannot_be_held_out(files):
         gap.read(gap.Request((folder / "track.npz",), held_out=(folder / "track.npz",)))
 
 
+@pytest.fixture
+def links(files, tmp_path, monkeypatch):
+    """Where `also.npz` and `page.json` are the recording, and `sub/../again.npz` leads there too."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("also.npz", "again.npz", "page.json"):
+        Path(name).symlink_to(files[0] / "track.npz")
+    Path("held.npz").symlink_to(files[0] / "held.npz")
+    Path("sub").mkdir()
+
+
+TRACK = Path("also.npz")
+SAME = {
+    "twice": ({"tracks": (TRACK, Path("sub/../again.npz"))}, "sub/../again.npz: is the same recording as also.npz"),
+    "twice by one name": ({"tracks": (TRACK, TRACK)}, "also.npz: is the same recording as also.npz"),
+    "held out twice": (
+        {"held_out": (Path("held.npz"), Path("sub/../held.npz"))},
+        "--held-out sub/../held.npz: is the same recording as held",
+    ),
+    "learnt from and held out": ({"held_out": (Path("again.npz"),)}, "--held-out again.npz: is also a recording to learn from, also.npz"),
+    "out": ({"out": Path("again.npz")}, "--out again.npz: would overwrite also.npz"),
+    "out held out": ({"held_out": (Path("held.npz"),), "out": Path("sub/../held.npz")}, "--out sub/../held.npz: would overwrite held.npz"),
+    "out of predict": ({"predict": Path("held.npz"), "out": Path("held.npz")}, "--out held.npz: would overwrite held.npz"),
+    "JSON beside the report": (
+        {"report": Path("page.html")},
+        "--report page.html: the JSON beside it, page.json, would overwrite also.npz",
+    ),
+    "out and JSON": (
+        {"out": Path("sub/p.json"), "report": Path("sub/p.html")},
+        "JSON beside it, sub/p.json, would overwrite --out sub/p.json",
+    ),
+    "out and report": ({"out": Path("sub/p.html"), "report": Path("sub/p.html")}, "--report sub/p.html: would overwrite --out sub/p.html"),
+}
+
+
+@pytest.mark.parametrize("what", SAME)
+def test_one_file_under_two_names_is_refused(links, what):
+    """A prediction had overwritten the recording, and a file by another path had been held out though it was learnt from."""
+    asked, said = SAME[what]
+    with pytest.raises(BadInput) as caught:
+        gap.read(gap.Request(**({"tracks": (TRACK,)} | asked)))
+    assert said in str(caught.value)
+
+
+def test_outputs_beside_the_recordings_are_no_fault(links):
+    asked = gap.Request((TRACK,), (Path("held.npz"),), predict=TRACK, out=Path("sub/pred.npz"), report=Path("sub/pred.html"))
+    assert gap_inputs._faults(asked) == []
+
+
 def test_what_the_files_leave_in_doubt_is_told(files, tmp_path):
     """Of a blind file too, and how the garment is held where no file says it; not how a fit would be made."""
     folder, model, recording = files

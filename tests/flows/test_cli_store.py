@@ -16,6 +16,7 @@ from storage_schemas.provenance import Provenance
 from storage_schemas.reference import ArtifactRef
 from storage_schemas.store import Store
 from tasks.cloth import stage as cloth_stage
+from tests.flows.recordings import tiny_recording
 from tests.storage_schemas.examples import examples, key_of
 
 
@@ -114,6 +115,63 @@ def test_a_pinned_artifact_outlives_a_sweep_until_it_is_let_go(place, capsys):
     assert run("artifacts", "unpin", pinned.key[:8]) == 0
     assert run("artifacts", "gc", "--json") == 0
     assert store.list() == []
+
+
+LOOKING = [
+    *(["artifacts", *words] for words in (["ls"], ["show", "ff"], ["verify"], ["gc"], ["pin", "ff", "why"], ["unpin", "ff"])),
+    ["export", "ann", "out"],
+    ["dataset", "status"],
+    ["dataset", "report", "page.html"],
+]
+
+
+@pytest.mark.parametrize("command", LOOKING, ids=" ".join)
+def test_looking_into_a_store_makes_none(place, capsys, command):
+    before = sorted(place.rglob("*"))
+    for flag, named in ([], "artifacts"), (["--store", "typo_store"], "typo_store"):
+        assert run(*command, *flag) == 2
+        said = capsys.readouterr()
+        assert f"{place / named}: there is no store. " in said.err and "`physavatar submit` makes one" in said.err
+        assert said.out == ""
+    assert sorted(place.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", ["status", "logs", "cancel"])
+def test_a_store_that_is_named_must_be_there_and_the_usual_one_has_had_no_runs_yet(place, capsys, command):
+    assert run(command) == (0 if command == "status" else 2)
+    assert "there is no store" not in capsys.readouterr().err
+    assert run(command, "--store", "typo_store") == 2
+    assert f"{place / 'typo_store'}: there is no store. " in capsys.readouterr().err
+    assert sorted(path.name for path in place.iterdir()) == ["bucket", "data"]
+
+
+@pytest.mark.parametrize("command", [["plan", "ann", "--until", "capture"], ["dataset", "plan"]], ids=" ".join)
+def test_a_plan_makes_no_store_and_all_is_to_be_done(place, capsys, command):
+    tiny_recording(place / "data")
+    assert run(*command, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["counts"] == {"new": 1} if command[0] == "dataset" else [row["cached"] for row in told] == [False]
+    assert sorted(path.name for path in place.iterdir()) == ["bucket", "data"]
+
+
+@pytest.mark.parametrize("command", [["artifacts", "ls"], ["submit", "ann", "--until", "capture"]], ids=" ".join)
+@pytest.mark.parametrize("location", ["good.npz", "/proc/x", "s3://", "ftp://x/y", "s3://a b/c", "file:///nowhere/at/all", "data"])
+def test_a_place_that_cannot_be_a_store_is_named_and_left_as_it_is(place, capsys, command, location):
+    tiny_recording(place / "data")
+    (place / "good.npz").write_bytes(b"tracked")
+    before = sorted(place.rglob("*"))
+    assert run(*command, "--store", location) == 2
+    assert f"{location}: " in capsys.readouterr().err.replace("\n", "")
+    assert sorted(place.rglob("*")) == before
+
+
+@pytest.mark.parametrize("days", ["nan", "-1", "inf", "1e12"])
+def test_an_age_that_is_none_sweeps_nothing(place, capsys, days):
+    store = open_store("artifacts")
+    aged(store, put(store))
+    assert run("artifacts", "gc", f"--older-than-days={days}") == 2
+    assert "Give a number of days, 0 to " in capsys.readouterr().err
+    assert len(store.list()) == 1
 
 
 def test_an_object_store_pins_nothing(place, url, capsys):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.config import load
+from flows.config import load, places_of
 from flows.pipeline import STAGES
 from tasks.effects import air_lift
 from tasks.geometry.faults import BadInput
@@ -12,7 +12,7 @@ from tasks.geometry.faults import BadInput
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    for name in ("PHYSAVATAR_STORE", "PHYSAVATAR_CLOTH__DENSITY"):
+    for name in ("PHYSAVATAR_STORE", "PHYSAVATAR_CLOTH__DENSITY", "PHYSAVATAR_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     file = tmp_path / "physavatar.toml"
     file.write_text('store = "from_toml"\n[cloth]\ndensity = 300.0\nbending = 7.0\nmembrane = 2.0\n')
@@ -37,6 +37,29 @@ def test_flags_beat_environment_beats_toml(file, monkeypatch):
         ("cloth.density", "has no '='"),
         ("store.x=1", "is a setting by itself"),
         ("dataset.until=dessert", "no stage; the stages are capture"),
+        ("dataset.in_flight=0", r"dataset\.in_flight"),
+        ("dataset.gpu_hours=-1", r"dataset\.gpu_hours"),
+        ("dataset.store_gb=inf", r"dataset\.store_gb"),
+        ("dataset.keep_free_gb=nan", r"dataset\.keep_free_gb"),
+        ("demo.cameras=1", r"demo\.cameras"),
+        ("demo.frames=1", r"demo\.frames"),
+        ("demo.size=0", r"demo\.size"),
+        ("demo.spp=0", r"demo\.spp"),
+        ("demo.seed=-1", r"demo\.seed"),
+        ("service.port=70000", r"service\.port"),
+        ("service.poll_s=0", r"service\.poll_s"),
+        ("service.workers={foo=1}", "there is no pool 'foo'; the pools are vision"),
+        ("service.workers={vision=-1}", r"service\.workers\.vision"),
+        ("body.body_weight=-5", r"body\.body_weight"),
+        ("body.hand_weight=inf", r"body\.hand_weight"),
+        ("body.face_weight=nan", r"body\.face_weight"),
+        ("tracking.hull_vertices=-4", r"tracking\.hull_vertices"),
+        ("skinning.distance=0", r"skinning\.distance"),
+        ("skinning.angle_deg=181", r"skinning\.angle_deg"),
+        ("cloth.frame_s=inf", r"cloth\.frame_s"),
+        ("cloth.limit_s=inf", r"cloth\.limit_s"),
+        ("gap.density=-1", r"gap\.density"),
+        ("gap.limit_s=nan", r"gap\.limit_s"),
     ],
 )
 def test_what_cannot_be_is_refused_with_a_remedy(file, flag, said):
@@ -86,6 +109,34 @@ def test_broken_toml_names_the_file(file):
     file.write_text("store = [")
     with pytest.raises(BadInput, match=r"physavatar\.toml"):
         load(file=file)
+
+
+@pytest.mark.parametrize(("named", "said"), [("nowhere.toml", "No such file"), ("folder", "Is a directory")])
+def test_a_file_that_is_named_is_read_or_refused(file, monkeypatch, named, said):
+    (file.parent / "folder").mkdir()
+    monkeypatch.setenv("PHYSAVATAR_CONFIG", str(file.parent / named))
+    with pytest.raises(BadInput, match=f"{file.parent / named}: it cannot be read .{said}.*PHYSAVATAR_CONFIG"):
+        load()
+
+
+def test_without_a_file_there_are_the_defaults_and_none_is_named_to_workers(file, monkeypatch):
+    monkeypatch.chdir(file.parent)
+    monkeypatch.setenv("PHYSAVATAR_CONFIG", "")
+    assert places_of(load())["PHYSAVATAR_CONFIG"] == str(file)
+    file.unlink()
+    assert "PHYSAVATAR_CONFIG" not in places_of(load())
+
+
+def test_a_variable_left_empty_is_not_set(file, monkeypatch):
+    for name in ("STORE", "DATA", "BODY__MODEL", "CLOTH__DENSITY", "EFFECTS_FOLDER"):
+        monkeypatch.setenv(f"PHYSAVATAR_{name}", "")
+    settings = load(file=file)
+    assert (settings.store, settings.data, settings.cloth.density) == (Path("from_toml"), Path("data"), 300.0)
+
+
+def test_the_password_that_the_containers_are_given_is_no_setting(file, monkeypatch):
+    monkeypatch.setenv("PHYSAVATAR_AUTH", "lab:secret")  # deploy/compose.yaml
+    assert load(file=file).service.auth is None
 
 
 def test_what_was_fitted_is_what_is_registered(file):

@@ -46,7 +46,7 @@ def put(monkeypatch):
         rng = np.random.default_rng(1)
         monkeypatch.setattr(confirmation._Test, "_followed", lambda self, model: _simulated(rng, mm.get(model, base)))
         monkeypatch.setattr(confirmation._Test, "_signatures", ())
-        monkeypatch.setattr(confirmation, "weighed_with", lambda named, *_: _weighing(named, (again or weigh)[named.hypothesis.name]))
+        t.learn = lambda *_: t.after.update({n: _weighing(t.after[n], e) for n, e in (again or weigh).items() if n in t.after})
         monkeypatch.setattr(confirmation._Test, "replayed", lambda self, named, beside=None: (whole or {}).get(named.hypothesis.name))
         return confirmed(t, decided(t), kept, apart=False), t
 

@@ -6,6 +6,7 @@ from scipy.linalg import subspace_angles
 
 from tasks.gap.confusability import confusability
 from tasks.gap.hypotheses import BASE_SPREAD, Windows
+from tasks.gap.verdict import twins
 from tests.gap.synthetic import EFFECTS, NAMES, dense, normals
 
 
@@ -33,10 +34,27 @@ def test_cosines_are_those_of_the_dense_vectors(both):
             one, two = S[:, columns(a)], S[:, columns(b)]
             if one.shape[1] == two.shape[1] == 1:
                 expected = (one.T @ two).item() / np.linalg.norm(one) / np.linalg.norm(two)
+                least = expected
             else:
                 expected = np.cos(subspace_angles(one, two).min())
+                least = np.cos(subspace_angles(one, two).max()) if one.shape == two.shape else 0.0
             assert found.cosine[i, j] == pytest.approx(expected, abs=1e-8)
+            assert found.least[i, j] == pytest.approx(least, abs=1e-8)
     assert found.cosine[0, 1] > 0.5  # as made
+
+
+def test_what_is_alike_in_one_direction_only_is_no_twin(both):
+    """Friction may look like a tilt about one axis; simulating the tilt is not simulating friction."""
+    w, _ = both
+    mix = np.eye(len(NAMES))
+    friction, tilt = NAMES.index("contact_friction"), NAMES.index("gravity_tilt.θ_x")
+    mix[:, friction] = 0.0
+    mix[tilt, friction] = 1.0  # its column is that of θ_x
+    alike = Windows([type(n)(n.names, mix.T @ n.G @ mix, mix.T @ n.g, n.c, n.n) for n in w.normals], EFFECTS)
+    found = confusability(alike, EFFECTS)
+    i, j = (next(k for k, e in enumerate(EFFECTS) if e.name == name) for name in ("contact_friction", "gravity_tilt"))
+    assert found.cosine[i, j] == pytest.approx(1.0, abs=1e-6) and found.least[i, j] == 0.0
+    assert not twins(found)
 
 
 def test_detectability_is_the_length_at_typical_strength(both):

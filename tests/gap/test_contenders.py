@@ -8,6 +8,7 @@ import pytest
 
 from tasks.cloth.windows import Window
 from tasks.gap import refits
+from tasks.gap.hypotheses import FORM
 from tasks.gap.refits import Refitted, as_simulated, comes_nearer, contenders, searched
 from tasks.gap.replay import Replay, Replayed, supported
 from tests.gap.test_hypotheses import EFFECTS, windows
@@ -107,7 +108,8 @@ def test_what_windows_and_replays_ask_for_is_replayed_where_it_is_far_from_what_
     further replays `come`.
     """
     h = ranked({"contact_friction": 0.3})[0]
-    asking = replace(h, strengths=dict.fromkeys(h.strengths, windows), covariance=np.array([[sd**2]]), base=np.zeros(2))
+    covariance = np.array([[sd**2 + (FORM * windows) ** 2]])  # the doubt about the law's form is no part of what they disagree by
+    asking = replace(h, strengths=dict.fromkeys(h.strengths, windows), covariance=covariance, base=np.zeros(2))
     model = SimpleNamespace(strength=lambda e: np.array([0.3]))
     todo, told = iter([4e-6, *come]), []
 

@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tasks.cloth.nuisances import Prior
+from tasks.cloth.numerics import FINER
 from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals, Prediction, Window
 from tasks.gap.acceleration import fitted_acceleration, residual_acceleration
-from tasks.gap.held_out import fallen, log_ratios, shrinkage, unchanged
+from tasks.gap.held_out import fallen, floor_mm, log_ratios, shrinkage, unchanged
 
 PRIOR = Prior(1e-3, 1e-2)
 compared = partial(shrinkage, prior=PRIOR)
@@ -24,6 +26,17 @@ def evidence(rng, rms_mm, count=12):
         white = Normals(("x 0 x",), np.zeros((1, 1)), np.zeros(1), float(np.sum(r**2) / 1e-6), r.size)
         found.append(Evidence(Prediction(Window(0, 5 * k, 5), np.zeros((6, 30, 3)), {}, "converged", 0), white, r))
     return found
+
+
+def test_a_finer_run_that_failed_is_no_small_floor():
+    """Its window had counted as one in which mesh and step do nothing."""
+    each, d = evidence(np.random.default_rng(0), 1.0, count=4), np.full((5, 30, 3), 2e-3 / np.sqrt(3))
+    ways = {way.name: 0.5 * d for way in FINER}
+    finer = [replace(e, prediction=replace(e.prediction, columns=ways)) for e in each]
+    recording = SimpleNamespace(noise=np.full((3, 30), 1e-3))
+    assert floor_mm(finer, [recording]) == pytest.approx(np.sqrt(3 + 4))
+    assert floor_mm([*finer[:2], *each[2:]], [recording]) == pytest.approx(np.sqrt(3 + 4))
+    assert floor_mm(each, [recording]) == pytest.approx(np.sqrt(3))
 
 
 def test_half_of_what_can_be_closed_is_half():

@@ -8,7 +8,7 @@ import pytest
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
 from tasks.effects.library import library
-from tasks.gap.hypotheses import Fitted
+from tasks.gap.hypotheses import FORM, Fitted
 from tasks.gap.joint_estimate import degrees, disagreement, foretold, joint
 from tasks.gap.replay import Replayed, supported
 
@@ -16,6 +16,7 @@ TILT = library()["gravity_tilt"]
 NAMES = (*PARAMETERS, *TILT.columns)
 WINDOWS = np.array([0.1, -0.1, 0.02, 0.0])
 WHOLE = np.array([0.2, 0.3, 0.08, -0.03])
+FORMS = np.diag((FORM * WINDOWS[2:]) ** 2)  # what windows say of strengths always holds that doubt
 FLOOR = 4e-6  # m²
 
 
@@ -26,7 +27,7 @@ def off(gap):
 
 def fitted(sd):
     C = np.diag(np.full(4, sd) ** 2)
-    return Fitted((TILT,), WINDOWS[:2], C[:2, :2], dict(zip(TILT.columns, WINDOWS[2:])), C[2:, 2:], np.zeros(1), ())
+    return Fitted((TILT,), WINDOWS[:2], C[:2, :2], dict(zip(TILT.columns, WINDOWS[2:])), C[2:, 2:] + FORMS, np.zeros(1), ())
 
 
 def told(about=0.0):
@@ -48,13 +49,21 @@ def test_where_windows_are_sure_they_say():
     np.testing.assert_allclose(values(joint(fitted(1e-6), told(), off(FLOOR))), WINDOWS, atol=1e-6)
 
 
+def test_replays_that_say_nothing_leave_what_windows_say():
+    """With its uncertainty: priors are in it already, and so is the doubt about the form of the law."""
+    h, nothing = fitted(0.3), replace(told(), G=np.zeros((4, 4)), g=np.zeros(4))
+    found = joint(h, nothing, off(FLOOR))
+    np.testing.assert_allclose(values(found), WINDOWS, rtol=1e-9)
+    for mine, theirs in ((found.base_covariance, h.base_covariance), (found.covariance, h.covariance)):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9)
+
+
 def test_between_them_it_is_the_least_squares_of_both():
     n, sd = told(), np.array([0.1, 0.1, 0.01, 0.01])
-    h = replace(fitted(1.0), base_covariance=np.diag(sd[:2] ** 2), covariance=np.diag(sd[2:] ** 2))
+    h = replace(fitted(1.0), base_covariance=np.diag(sd[:2] ** 2), covariance=np.diag(sd[2:] ** 2) + FORMS)
     L = np.linalg.cholesky(n.G * degrees(off(FLOOR)) / FLOOR)
-    ridge = np.array([0.5, 0.5, *(3 * np.array(TILT.typical))])
-    A = np.vstack([np.diag(1 / sd), L.T, np.diag(1 / ridge)])
-    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * degrees(off(FLOOR)) / FLOOR), np.zeros(4)])
+    A = np.vstack([np.diag(1 / sd), L.T])
+    b = np.concatenate([WINDOWS / sd, np.linalg.solve(L, n.g * degrees(off(FLOOR)) / FLOOR)])
     np.testing.assert_allclose(values(joint(h, n, off(FLOOR))), np.linalg.lstsq(A, b, rcond=None)[0], rtol=1e-6)
 
 
@@ -62,7 +71,8 @@ def test_the_first_step_lessens_what_they_disagree_by():
     """Where replays are quadratic the joint estimate is the least of Q with E₁ in its denominator: from E₁ it goes down, and its slope
     there is the same.
     """
-    h, n = replace(fitted(0.1), base=np.zeros(2), strengths=dict.fromkeys(TILT.columns, 0.0)), told()
+    h = replace(fitted(0.1), base=np.zeros(2), strengths=dict.fromkeys(TILT.columns, 0.0), covariance=0.01 * np.eye(2))
+    n = told()
     E = lambda θ: n.c - 2 * n.g @ θ + θ @ n.G @ θ  # noqa: E731
     Q = lambda θ: disagreement(replace(h, base=θ[:2], strengths=dict(zip(TILT.columns, θ[2:]))), h, off(E(θ)))  # noqa: E731
     assert Q(values(joint(h, n, off(n.c)))) < Q(np.zeros(4))

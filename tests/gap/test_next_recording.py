@@ -91,6 +91,16 @@ def test_designs_add_to_what_is_known_and_the_best_comes_first(screened):
     assert told[AGAIN] == pytest.approx(now.apart * np.sqrt(1 + again), rel=0.05)
 
 
+def test_a_first_recording_that_could_not_be_followed_is_passed_over(screened):
+    """It has states of no frame, and its first one had been asked for."""
+    s, data = screened
+    asked = [single(e, e.typical) for e in (NORMAL, LINEAR)]
+    stuck = States(data.states[0].x[:0], data.states[0].v[:0], "frame 0: cloth cannot be freed")
+    windows = tuple(replace(w, recording=1) for w in data.windows)
+    both = replace(data, recordings=data.recordings * 2, states=(stuck, *data.states), windows=windows)
+    assert designs(s, s.base.model, both, asked, or_none=False) == designs(s, s.base.model, data, asked, or_none=False)
+
+
 def test_a_motion_that_is_soon_over_is_compared_as_far_as_it_lasts(screened):
     """Thirty frames at twice the speed are fifteen: one window of ten."""
     s, data = screened

@@ -80,3 +80,52 @@ def test_what_cannot_be_followed_either_way_has_no_evidence(simulated, start, ti
     """From where it already stands there is no half-way."""
     found, asked, _ = simulated(lambda θ: 3, start=start)
     assert found.windows is None and found.hypothesis.evidence == 0 and len(asked) == times
+
+
+DRAG = next(e for e in EFFECTS if e.name == "air_normal_drag")
+
+
+@pytest.mark.parametrize(("lost", "count"), [((), COUNT), ((1,), COUNT - 1)])
+def test_a_second_cause_is_weighed_by_what_it_adds_to_the_first_as_that_was_simulated(monkeypatch, lost, count):
+    """Where derivatives hold exactly, simulating a pair changes nothing of what either cause weighs. `lost`: windows that cannot be followed
+    with the first cause alone: they have no say about the second.
+    """
+    monkeypatch.setattr(refits, "compressed", lambda evidence, *_: [e.normals for e in evidence])
+    monkeypatch.setattr(refits, "with_fabric", lambda model, fabric: model)
+    taught = windows(np.random.default_rng(0), truth={"contact_friction": TRUE, "air_normal_drag": 6.0}, count=COUNT)
+    base = Model(SimpleNamespace(fabric=Fabric()), None)
+    screened = SimpleNamespace(base=SimpleNamespace(model=base), evidence=(), windows=taught, prior=None, doubt=None)
+
+    def follow(model, *_):
+        θ = model.by_column([DRAG, FRICTION])
+        alone = not θ["contact_friction"]
+        each = enumerate(taught.given)
+        return [SimpleNamespace(normals=_about(n, θ), prediction=SimpleNamespace(complete=not (alone and k in lost))) for k, n in each]
+
+    monkeypatch.setattr(refits, "_simulated", follow)
+    first = refitted(screened, None, taught.fit([DRAG]), EFFECTS)
+    (pair,) = (p for p in refits.searched(first) if p.effects[1] is FRICTION)
+    both = refitted(screened, None, pair, EFFECTS, start=first.model, beside=first)
+    assert len(both.windows) == count and pair.weights[1].evidence > 10
+    for simulated, foretold in zip(both.hypothesis.weights, pair.weights, strict=True):
+        assert simulated.evidence == pytest.approx(foretold.evidence, abs=1e-3)
+
+
+def test_a_first_cause_that_explains_more_alone_than_was_foretold_leaves_the_second_less():
+    taught = windows(np.random.default_rng(0), truth={"contact_friction": TRUE, "air_normal_drag": 6.0}, count=COUNT)
+    θ = {"air_normal_drag": 6.0, "contact_friction": TRUE}
+    both, alone = ([_about(n, origin) for n in taught.given] for origin in (θ, {"air_normal_drag": 6.0}))
+
+    def second(nearer):
+        first = Windows([replace(n, c=n.c - nearer) for n in alone], EFFECTS, {"air_normal_drag": 6.0})
+        return taught.about(both, [DRAG, FRICTION], θ, first).fit([DRAG, FRICTION]).weights[1]
+
+    scale = taught.about(both, [DRAG, FRICTION], θ).scale
+    assert second(0.0).decrease - second(3.0).decrease == pytest.approx(3.0 * np.sum(1 / scale))
+    assert second(3.0).evidence < second(0.0).evidence
+
+
+def _about(n, origin):
+    """Normal equations [P] about strengths instead of zero."""
+    step = np.array([origin.get(name, 0.0) for name in n.names])
+    return replace(n, g=n.g - n.G @ step, c=float(n.c - 2 * n.g @ step + step @ n.G @ step))

@@ -5,9 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.gap import refits
+from tasks.gap import refits, trials
 from tasks.gap.hypotheses import Windows
 from tasks.gap.refits import Refitted, weighed_with
+from tasks.gap.screening import Screened, ranked
+from tasks.gap.trials import Trials
+from tests.gap import synthetic
 from tests.gap.test_hypotheses import EFFECTS, windows
 
 FRICTION = next(e for e in EFFECTS if e.name == "contact_friction")
@@ -50,3 +53,23 @@ def test_more_where_they_hold_the_cause_too_less_where_they_do_not_and_its_stren
 def test_what_cannot_be_followed_with_it_says_nothing(asked):
     named, after, *_ = asked(0.0, lost=KEPT)
     assert len(after.windows) == TAUGHT and after.hypothesis.evidence == pytest.approx(named.hypothesis.evidence, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_causes_that_are_alike_are_weighed_by_the_same_windows(monkeypatch, seed):
+    """Drag was simulated, damping was not. By windows kept out drag alone had been weighed, and stood alone."""
+    monkeypatch.setattr(refits, "compressed", lambda evidence, *_: [e.normals for e in evidence])
+    monkeypatch.setattr(trials, "compressed", lambda evidence, *_: [e.normals for e in evidence])
+    both = synthetic.windows(np.random.default_rng(seed), lambda k: {"air_normal_drag": 3.0}, count=TAUGHT + KEPT, n=60, alike=0.93)
+    taught = both.only(range(TAUGHT))
+    before = [SimpleNamespace(normals=n, prediction=SimpleNamespace(complete=True)) for n in both.given[TAUGHT:]]
+    monkeypatch.setattr(refits, "_simulated", lambda *_: before)
+    t = Trials.__new__(Trials)
+    t.screened = Screened(None, (), None, taught, tuple(ranked(taught)))
+    t.run, t.alike, t.vetoed, t.replayed, t._learnt = map, frozenset(), frozenset(), SimpleNamespace(something_missing=0.0), set()
+    named = next(h for h in t.screened.hypotheses if h.name == "air_normal_drag")
+    t.after = {named.name: Refitted(named, None, (), taught, against=taught)}
+    for _ in range(2):  # once is enough
+        t.learn(None, before)
+        for h in t.singles:
+            assert h.evidence == pytest.approx(both.fit(h.effects).evidence, rel=0.02, abs=0.05)

@@ -209,7 +209,89 @@ def test_of_several_people_the_one_whose_scores_sum_highest_is_taken(tmp_path):
 
 def test_the_door_passes_the_pixel_centre_on(tmp_path):
     job, capture = SimpleNamespace(recording=tmp_path), examples()["capture"].model_copy(update={"template": None})
-    np.savez(tmp_path / "k.npz", keypoints=np.ones((3, 2, 133, 3)))
-    for centre, u in ((0.0, 1.5), (0.5, 1.0)):
+    np.savez(tmp_path / "k.npz", keypoints=2 * np.ones((3, 2, 133, 3)))
+    for centre, u in ((0.0, 2.5), (0.5, 2.0)):
         found = door.function(job, capture, KeypointsParameters(file=tmp_path / "k.npz", pixel_centre=centre))
         assert (found.keypoints == u).all()
+
+
+def write_frames(folder, ids: dict[str, list]):
+    """COCO results of those frames in each camera, a person at x = 100 px in the first result, 101 px in the second …"""
+    for camera, of in ids.items():
+        entries = [
+            coco_entry(np.full((133, 3), [100.0 + k, 50.0, 0.5]), **({} if i is None else {"image_id": i})) for k, i in enumerate(of)
+        ]
+        (folder / f"{camera}.json").write_text(json.dumps(entries))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "said"),
+    [
+        ([0, 0, 2], [0, 1, 2], r"left\.json: 2 results for frame 0\. Keep one per frame"),
+        (["f3.jpg", "f4.jpg", "f3.jpg"], [0, 1, 2], r"left\.json: 2 results for frame 3"),
+        ([0, 1, 3], [0, 1, 2], "camera right has frame 2, which left lacks"),
+        ([0, 1, 2], ["1.jpg", "2.jpg", "3.jpg"], "camera right has frame 3, which left lacks"),
+        ([0, 1, 2], [None] * 3, "camera left numbers its frames, right does not"),
+        (["a.jpg", "b.jpg", "c.jpg"], [0, 1, 2], "image_id 'a.jpg' holds no number"),
+        ([0, 1, float("nan")], [0, 1, 2], "image_id is missing in some results, or not of one kind"),
+    ],
+)
+def test_frames_that_would_be_shifted_are_refused(tmp_path, left, right, said):
+    """Of two people in frame 0 and nobody in frame 1, the second had been taken for frame 1."""
+    write_frames(tmp_path, {"left": left, "right": right})
+    with pytest.raises(BadInput, match=said):
+        read_keypoints(tmp_path, CAMERAS)
+
+
+@pytest.mark.parametrize("name", ["f{}.jpg", "view{camera}/f{}_cam{camera}.v2.png", "{}", "{}.5"])
+def test_text_ids_are_ordered_by_their_numbers(tmp_path, name):
+    """As words f10 comes before f5."""
+    write_frames(tmp_path, {c: [name.format(n, camera=k + 7) for n in (10, 0, 5)] for k, c in enumerate(CAMERAS)})
+    assert (read_keypoints(tmp_path, CAMERAS)[0][:, :, 0, 0] == np.array([[101.5], [102.5], [100.5]])).all()
+
+
+def write_openpose(folder, camera: str, names: list[str]):
+    (folder / camera).mkdir()
+    for k, name in enumerate(names):
+        person = {"pose_keypoints_2d": [100.0 + k, 50.0, 0.5] * 25}
+        (folder / camera / name).write_text(json.dumps({"people": [person]}))
+
+
+def test_openpose_files_are_ordered_and_compared_by_their_numbers(tmp_path):
+    write_openpose(tmp_path, "left", ["f10_keypoints.json", "f0_keypoints.json", "f5_keypoints.json"])
+    write_openpose(tmp_path, "right", ["r_000000000010_2d.json", "r_000000000000_2d.json", "r_000000000005_2d.json"])
+    assert (read_keypoints(tmp_path, CAMERAS)[0][:, :, 0, 0] == np.array([[101.5], [102.5], [100.5]])).all()
+    (tmp_path / "right/r_000000000005_2d.json").rename(tmp_path / "right/r_000000000006_2d.json")
+    with pytest.raises(BadInput, match="camera right has frame 6, which left lacks"):
+        read_keypoints(tmp_path, CAMERAS)
+    (tmp_path / "left/f5_keypoints.json").rename(tmp_path / "left/g10_keypoints.json")
+    with pytest.raises(BadInput, match=r"left: 2 files for frame 10\. Keep one"):
+        read_keypoints(tmp_path, CAMERAS)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda k: k * [1 / 900, 1 / 900, 1], r"all points of left, right lie within 1 px of \(0, 0\)"),
+        (lambda k: k * np.where(np.arange(2) == 1, 1 / 900, 1)[:, None, None] ** [1, 1, 0], "all points of right lie within 1 px"),
+        (lambda k: k * [1, 1, 100], r"scores reach 1?\d\d"),
+        (lambda k: k * [1 / 900, 1 / 900, 100], r"(?s)lie within 1 px.*scores reach"),
+    ],
+)
+def test_shares_of_the_picture_and_per_cents_are_refused(tmp_path, keypoints, change, said):
+    np.savez(tmp_path / "k.npz", keypoints=change(keypoints))
+    with pytest.raises(BadInput, match=said):
+        read_keypoints(tmp_path / "k.npz", CAMERAS)
+
+
+def test_the_height_of_a_heat_map_is_no_per_cent(tmp_path, keypoints):
+    """SimCC models and OpenPose go beyond 1."""
+    np.savez(tmp_path / "k.npz", keypoints=keypoints * [1, 1, 9])
+    assert read_keypoints(tmp_path / "k.npz", CAMERAS)[1].max() > 8
+
+
+def test_another_number_of_frames_than_the_recordings_is_refused(tmp_path, keypoints):
+    np.savez(tmp_path / "k.npz", keypoints=keypoints)
+    assert len(read_keypoints(tmp_path / "k.npz", CAMERAS, frames=4)[0]) == 4
+    with pytest.raises(BadInput, match=r"k\.npz: it has 4 frames, the recording 5"):
+        read_keypoints(tmp_path / "k.npz", CAMERAS, frames=5)

@@ -117,7 +117,7 @@ def _bvh(at: Path) -> Path:
 
 
 def _keypoint_array(at: Path) -> Path:
-    np.savez(at / "keypoints.npz", keypoints=np.ones((2, 1, 133, 3)))
+    np.savez(at / "keypoints.npz", keypoints=2 * np.ones((2, 1, 133, 3)))
     return at / "keypoints.npz"
 
 

@@ -2,16 +2,19 @@
 
 import asyncio
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from prefect.client.schemas.objects import StateType
 
-from flows.service import actor, group
+from flows.preflight import preflight
+from flows.service import actor, deployed, group
 from flows.service.dispatch import WorkFailed
 from flows.service.survey import Survey
 from storage_schemas.store import Store
 from tasks.child_process import ChildTimedOut
+from tasks.geometry.faults import BadInput, Fault
 from tests.service import tiny
 from tests.service.place import order
 
@@ -44,6 +47,33 @@ def test_the_parent_ends_as_its_child_did(ordered, monkeypatch, ending, type_):
     else:
         state = asyncio.run(parent)
         assert (state.type, state.name, state.message) == (type_, ending, "ann one: why")
+
+
+def test_what_can_be_found_wrong_is_before_anything_is_dispatched(ordered, monkeypatch):
+    """A camera that cannot be drawn had been told after hours: appearance comes last."""
+
+    def check(settings, until):
+        checked.append((settings.data.name, until))
+        raise BadInput([Fault("ann/one", "no masks", "Put masks beside the pictures.")])
+
+    checked: list[tuple[str, str]] = []
+    monkeypatch.setattr(actor, "dispatch", lambda work: pytest.fail(f"{work.deployment} was dispatched"))
+    monkeypatch.setattr(actor, "show_stages", shown)
+    parent = actor.actor_flow(replace(tiny.SERVICE, check=check))
+    with pytest.raises(BadInput, match="no masks"):
+        asyncio.run(parent.fn(**ordered))
+    assert checked == [("data", "cloth")]
+
+
+def test_a_sequence_that_is_finished_needs_its_inputs_no_more(ordered, monkeypatch):
+    monkeypatch.setattr(actor, "survey", lambda request, store: Survey({}, {}))
+    monkeypatch.setattr(actor, "show_stages", shown)
+    service = replace(tiny.SERVICE, check=lambda settings, until: pytest.fail("nothing is computed"))
+    assert asyncio.run(actor.actor_flow(service).fn(**ordered)) is None
+
+
+def test_the_avatars_service_checks_what_submit_checks():
+    assert deployed.SERVICE.check is preflight
 
 
 async def shown(*_):

@@ -8,6 +8,7 @@ import pytest
 from tasks.geometry.faults import BadInput
 from tasks.simulator import Cloth, Collider, Fabric, simulate
 from tasks.simulator.doubts import doubts
+from tasks.simulator.settings import BASE
 from tests.simulator.scenes import plane, sheet, sphere, still
 
 
@@ -42,6 +43,22 @@ def test_a_fabric_that_cannot_move_is_refused(name, value):
     with pytest.raises(BadInput) as error:
         begin(pinned(), replace(Fabric(), **{name: value}))
     assert [fault.where for fault in error.value.faults] == [f"fabric.{name}"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("substeps", 0), ("halvings", -1), ("newton_iterations", 0), ("barrier_distance", 0.0), ("acceleration_tolerance", np.nan)],
+)
+def test_settings_with_which_nothing_can_be_computed_are_refused(name, value):
+    """Without a substep cloth had not moved, and every frame was "converged"."""
+    with pytest.raises(BadInput, match=f"{name}: {value}"):
+        next(simulate(pinned(), Fabric(), fps=25, settings=replace(BASE, **{name: value}), **still(2, pinned())))
+
+
+@pytest.mark.parametrize("fps", [0.0, np.inf, np.nan])
+def test_frames_that_last_for_ever_or_no_time_are_refused(fps):
+    with pytest.raises(BadInput, match="fps"):
+        simulate(pinned(), Fabric(), fps=fps, **still(2, pinned()))
 
 
 def test_an_implausible_fabric_is_doubted_with_its_range():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tasks.geometry.faults import BadInput
-from tasks.simulator import Cloth, Collider, Fabric, Settings, simulate
+from tasks.simulator import Cloth, Collider, Fabric, Potential, Settings, simulate
+from tasks.simulator.potential import NO_STIFFNESS
 from tests.simulator.scenes import crosses, plane, run, sheet, sphere, still
 
 
@@ -34,6 +35,31 @@ def test_start_is_separated_by_about_the_overlap():
     cloth = Cloth(x - np.array([0.3, -0.085, 0.3]), faces)
     frames = run(cloth, Fabric(), still(2, cloth, ball))
     assert 0.0145 < frames[0].moved < 0.018 and not crosses(frames[0], cloth, ball[1])
+
+
+class Pull(Potential):
+    """The same force [N] on every node, as an effect brings it."""
+
+    def __init__(self, force):
+        self.force = np.asarray(force)
+
+    def energy(self, x, step):
+        return -float(np.sum(x @ self.force))
+
+    def gradient(self, x, step):
+        return np.tile(-self.force, (len(x), 1))
+
+    def hessian(self, x, step, *, convex):
+        return NO_STIFFNESS
+
+
+def test_a_start_is_freed_by_stiffness_alone():
+    """Weight of a hem, or wind, is none of what holds cloth in its place: it had moved cloth for as long as freeing takes."""
+    x, faces = sheet(8, 8, length=0.3, width=0.3)
+    ball = sphere(2, 0.1)
+    cloth = Cloth(x - np.array([0.15, -0.095, 0.15]), faces)
+    plain, pulled = (run(cloth, Fabric(), still(2, cloth, ball), potentials=p)[0] for p in ((), (Pull([0.0, -1e-3, 0.0]),)))
+    assert plain.moved > 1e-3 and np.array_equal(plain.x, pulled.x)
 
 
 @pytest.mark.parametrize(("height", "moved"), [(3e-5, False), (3e-6, True)])

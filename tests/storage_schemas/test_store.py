@@ -333,6 +333,17 @@ def test_a_newer_store_and_a_folder_that_is_none_are_refused(tmp_path):
         Store(tmp_path)
 
 
+def test_who_only_looks_founds_nothing(tmp_path):
+    looked = Store(tmp_path / "new", founds=False)
+    assert not looked.is_founded() and not looked.root.exists()
+    assert looked.list() == [] and looked.latest(**AT) is None and looked.find(**AT, key=key_of(0)) is None
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(Corrupt, match="no store"):
+        Store(tmp_path, founds=False)
+    Store(looked.root)
+    assert looked.is_founded() and Store(looked.root, founds=False).is_founded()
+
+
 @pytest.mark.parametrize("name", ["..", ".", "", "a/b", "/etc", ".latest.json", "a\0b", "-rf", "x" * 101, "é", "a\n"])
 def test_names_stay_in_their_folder(store, name):
     for part in ("actor", "sequence", "stage"):
