@@ -153,12 +153,12 @@ def scoreboard(*, version: str = "", edition: int = EDITION, json_: Json = False
     """Figures of all sealed cases that any version of the diagnosis has sat; each was new to its version.
 
     Args:
-        version: Only versions whose hash begins so, and every case of theirs, as Markdown.
+        version: Only versions whose hash begins so, with every case of theirs and the confusion matrix, as Markdown.
         edition: Of questions and marks.
         json_: Machine-readable JSON on stdout.
     """
     from flows.exam_scoreboard import every_version
-    from tasks.exam.scorer.listing import listing
+    from tasks.exam.scorer.listing import confusions, listing
 
     result = every_version(beginning=version, edition=edition)
     if not result["rows"]:
@@ -172,7 +172,7 @@ def scoreboard(*, version: str = "", edition: int = EDITION, json_: Json = False
         _show_figures(result)
         OUT.print("versions: " + ", ".join(f"{of[:8]} {cases}" for of, cases in result["versions"].items()), highlight=False)
         if version:
-            sys.stdout.writelines(f"{line}\n" for line in listing(result["rows"]))
+            sys.stdout.writelines(f"{line}\n" for line in (*listing(result["rows"]), "", *confusions(result["rows"])))
     return OK
 
 

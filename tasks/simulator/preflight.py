@@ -42,11 +42,12 @@ HOLDING = (
 
 @dataclass(frozen=True)
 class Separated:
-    """x [V, 3] free of contact, the largest move [m], and how it ended: "converged" or a reason."""
+    """x [V, 3] free of contact, the largest move [m], how it ended: "converged" or a reason; and where cloth was moved, what was minimised."""
 
     x: Array
     moved: float
     ending: str = CONVERGED
+    by: tuple[Problem, Step] | None = None
 
 
 def inspect(
@@ -84,7 +85,9 @@ def separate(problem: Problem, cloth: Cloth, collider: Collider, x: Array, colli
     surface.forget()
     solution = solve(held, x, step, boundary_target=x[problem.boundary])
     moved = float(np.linalg.norm(solution.x - x, axis=1).max())
-    return Separated(solution.x, moved, CONVERGED if solution.converged else f"separating cloth from the collider: {solution.ending}")
+    if not solution.converged:
+        return Separated(solution.x, moved, f"separating cloth from the collider: {solution.ending}")
+    return Separated(solution.x, moved, by=(held, step))
 
 
 def _blocked(problem: Problem, x: Array, collider_x: Array) -> bool:

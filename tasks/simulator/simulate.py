@@ -110,6 +110,8 @@ def _frames(
     start = walk.start(x0, v0, collider_motion[0]) if resume is None else None
     if names or modes or motions:
         walk.columns = Tangents(walk.problem, names, modes, motions, walk.now if resume is None else resume.now)
+        if start is not None and start.by is not None:
+            walk.columns.free(walk.now.x, *start.by)
     if resume is not None:
         walk.take(resume)
     if start is not None:

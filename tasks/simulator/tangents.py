@@ -2,6 +2,8 @@
 
     Σ ∇P(x; history, θ) = 0   ⇒   H dx_free = −( ∂²P/∂x∂θ + ∂∇P/∂(history) d(history) ),    dv = (dx − dx̂)/s
 
+A start that had to be freed from the collider is the minimum of such a sum, too, and so is differentiated alike; its velocity stays.
+
 Lagged quantities (friction's normal force and tangent plane) count as history, so the derivative goes through the lag.
 Source: implicit function theorem; Kane et al. 2000 for the rule. Limits: first order, along the contact history of the base run.
 """
@@ -64,24 +66,34 @@ class Tangents:
 
     def advance(self, x: Array, step: Step, rule: Rule, *, frame: int, share: float) -> None:
         """Through one step that ended at x [V, 3], at `share` of the way from frame − 1 to `frame`."""
-        problem, system = self.problem, self.problem.system
         hat_x, hat_v = rule.hat(self.dx, self.dx_before), rule.hat(self.dv, self.dv_before)
         dc = self._prescribed(frame, share, 0, step.collider.shape[0])
         d = StepTangent(self.dx, self.dv, hat_x, hat_v, dc, self.dc, rule.hat(self.dc, self.dc_before))
-        hessians = problem.hessians(x, step)
-        rhs, fixed = self._forces(x, step, d), self._fixed(frame, share)
-        rhs[self._moving] -= _times(hessians, fixed)
-        dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T)
-        dx[self._moving] += fixed
-        for potential in problem.potentials:
+        dx = self._answer(self.problem, x, step, d, self._fixed(frame, share))
+        for potential in self.problem.potentials:
             potential.accept_tangent(x, step, dx, d, self.names)
         self.dx_before, self.dv_before, self.dc_before = self.dx, self.dv, self.dc
         self.dx, self.dv, self.dc = dx, (dx - hat_x) / step.s, dc
 
-    def _forces(self, x: Array, step: Step, d: StepTangent) -> Array:
+    def free(self, x: Array, held: Problem, step: Step) -> None:
+        """Through the freeing of the start, which ended at x [V, 3]; held: what moved it and what held it in its place."""
+        still = np.zeros_like(self.dx)
+        d = StepTangent(self.dx, still, self.dx, still, self.dc, self.dc, self.dc)
+        self.dx = self.dx_before = self._answer(held, x, step, d, self._fixed(0, 0.0))
+
+    def _answer(self, problem: Problem, x: Array, step: Step, d: StepTangent, fixed: Array) -> Array:
+        """dx [P, V, 3] of what a step minimised, at its end x [V, 3]; fixed [M, V, 3]: of the prescribed nodes."""
+        hessians, system = problem.hessians(x, step), problem.system
+        rhs = self._forces(problem, x, step, d)
+        rhs[self._moving] -= _times(hessians, fixed)
+        dx = system.scatter(_solve(system, system.assemble(hessians), system.gather(rhs).T).T)
+        dx[self._moving] += fixed
+        return dx
+
+    def _forces(self, problem: Problem, x: Array, step: Step, d: StepTangent) -> Array:
         """−∂²P/∂x∂θ − ∂∇P/∂(history)·d [P, V, 3]."""
         rhs = np.zeros_like(self.dx)
-        for potential in self.problem.potentials:
+        for potential in problem.potentials:
             history = potential.history_gradient(x, step, d)
             if history is not None:
                 rhs -= history

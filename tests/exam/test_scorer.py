@@ -10,7 +10,7 @@ from tasks.exam.scorer.case import area_under_curve, closing, credit, credits, m
 from tasks.exam.scorer.demo import demo_scores
 from tasks.exam.scorer.engine import counted, heading
 from tasks.exam.scorer.intervals import bootstrap, wilson
-from tasks.exam.scorer.listing import HEAD, listing
+from tasks.exam.scorer.listing import HEAD, confusions, listing
 from tasks.exam.scorer.page import page
 from tasks.exam.scorer.summary import calibration_error, confusion, summary
 
@@ -270,6 +270,9 @@ def test_the_table_of_confusion_calls_everything_by_its_name():
         ("none", "none"),
     }
     assert table.sum() == 4
+    lines = list(confusions([*rows, rows[3]]))
+    assert len(lines) == 2 + 4 and "| none | 2 | none 2 |" in lines  # head, rule, and a line per truth
+    assert f"| {DRAG} | 1 | {LINEAR} or {DRAG} 1 |".replace("_", " ") in lines
 
 
 def test_summary_and_page_hold_every_case():

@@ -1,7 +1,9 @@
-"""What each case was asked and what was answered, as a Markdown table: the rows behind the figures, for whoever wants to see them."""
+"""What each case was asked and what was answered, and which truth got which answers, as Markdown tables: the rows behind the figures."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
+
+from tasks.exam.scorer.summary import confusion
 
 HEAD = (
     "case",
@@ -23,6 +25,18 @@ def listing(rows: Iterable[Row]) -> Iterator[str]:
     yield _line("---" for _ in HEAD)
     for row in sorted(rows, key=lambda row: row["number"]):
         yield _line((str(row["number"]), _planted(row), _answer(row), *(_told(row.get(key), form) for key, form in FORMS.items())))
+
+
+def confusions(rows: Iterable[Row]) -> Iterator[str]:
+    """Lines of the confusion matrix, one per truth: its cases and its answers, the most frequent first."""
+    truths, answers, table = confusion(rows)
+    yield _line(("truth", "cases", "answered"))
+    yield _line("---" for _ in range(3))
+    for truth, counts in zip(truths, table, strict=True):
+        told = sorted(
+            (-count, answer.replace(" | ", " or ").replace("_", " ")) for count, answer in zip(counts, answers, strict=True) if count
+        )
+        yield _line((truth.replace("_", " "), str(counts.sum()), "; ".join(f"{answer} {-count}" for count, answer in told)))
 
 
 def _planted(row: Row) -> str:
