@@ -86,8 +86,7 @@ def finer_computed(model: Model) -> Model:
 
 def corrected(n: Normals) -> Normals:
     """Normal equations with the columns of numerics taken at their means and integrated out; as they are where there are none."""
-    δ = finer_shift(n.names)
-    return without_others(replace(n, g=n.g - n.G @ δ, c=float(n.c - 2 * n.g @ δ + δ @ n.G @ δ)))
+    return without_others(n.stepped(finer_shift(n.names)))
 
 
 def common_error(windows: Sequence[Normals], names: Sequence[str]) -> Array:

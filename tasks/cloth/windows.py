@@ -226,6 +226,10 @@ class Normals:
         place = {name: i for i, name in enumerate(self.names)}
         return np.array([place[name] for name in names], int)
 
+    def stepped(self, δ: Array) -> "Normals":
+        """The same about coefficients that are larger by δ [P]."""
+        return replace(self, g=self.g - self.G @ δ, c=float(self.c - 2 * self.g @ δ + δ @ self.G @ δ))
+
 
 def normals(prediction: Prediction, recording: Recording, subject: Subject) -> Normals:
     """Of a complete prediction against what was observed of the free vertices."""

@@ -6,8 +6,8 @@ Height: v of the pattern where there is one, else y of the rest mesh. The mean o
 Strength: g [-], positive: heavier at the top. Range: ±1 (prints, linings, a fabric of two weights).
 Signature: tension, swing and stretch shift along the height; the natural frequency of a hanging panel changes.
 Confounders: fabric_hem_mass (measured |cos| 0.72), stiffness that changes with height, air_added_mass.
-Source: mass of the layers. Limits: linear; |g| < 1.5, beyond which the mass of a triangular cut would be negative; pattern pieces must share one v axis; the
-standard gravity, without a tilt.
+Source: mass of the layers. Limits: linear; |g| < 1.5, beyond which the mass of a triangular cut would be negative; pattern pieces must
+share one v axis; the standard gravity, without a tilt.
 """
 
 from collections.abc import Sequence

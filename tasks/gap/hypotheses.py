@@ -33,7 +33,7 @@ Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clu
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import gamma, log, pi
 from types import MappingProxyType
@@ -205,7 +205,7 @@ class Forced:
     def _without_others(self, names: Sequence[str]) -> list[Normals]:
         """About `origin` without the effects that are not among `names`."""
         back = {c: -θ for c, θ in self.origin.items() if c not in names}
-        return [_stepped(n, back) for n in self.normals] if back else self.normals
+        return [n.stepped(np.array([back.get(name, 0.0) for name in n.names])) for n in self.normals] if back else self.normals
 
     def origin_of(self, names: Sequence[str]) -> Array:
         """What the columns are linear about [P]."""
@@ -384,12 +384,6 @@ class Windows:
             φ = [forced.scores(e, beside).dispersion for e in self.effects if e.name not in own]
             self._medians[beside] = float(np.median([x for x in φ if x > 0] or [1.0]))
         return self._medians[beside]
-
-
-def _stepped(n: Normals, step: Mapping[str, float]) -> Normals:
-    """Normal equations about strengths that are so much larger (column -> difference)."""
-    δ = np.array([step.get(name, 0.0) for name in n.names])
-    return replace(n, g=n.g - n.G @ δ, c=float(n.c - 2 * n.g @ δ + δ @ n.G @ δ))
 
 
 def in_effect(scale: Array) -> float:

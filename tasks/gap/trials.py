@@ -88,7 +88,8 @@ class Trials:
         self.after: dict[str, Refitted] = {}
         self.vetoed: frozenset[str] = frozenset()
         self._asked_afresh: set[str] = set()
-        self._learnt: set[str] = set()
+        self.learnt: tuple[Fitted, ...] = ()  # single effects as windows kept out weigh them too, once they do
+        self._weighed: set[str] = set()
         tell("replays")
         found = base_replays(screened.base.model, screened.windows.effects, self.train, run)
         self._told = mean_normals(found)
@@ -120,7 +121,7 @@ class Trials:
     @property
     def singles(self) -> list[Fitted]:
         """Single effects as they weigh now."""
-        return as_simulated(self.screened.hypotheses, self.after, self.alike)
+        return as_simulated(self.learnt or self.screened.hypotheses, self.after, self.alike)
 
     @property
     def leader(self) -> Fitted:
@@ -138,15 +139,15 @@ class Trials:
         before: the base's evidence of these windows, with the tangents of all effects.
         """
         s, strongest = self.screened, self._whole(self.leader)
-        if not self._learnt:
+        if not self.learnt:
             followed = [e for e in before if e.prediction.complete]
             windows = s.windows.beside(compressed(followed, s.prior, s.windows.effects, s.doubt))
-            self.screened = replace(s, windows=windows, hypotheses=tuple(ranked(windows)))
+            self.learnt = tuple(ranked(windows))
         for name, found in self.after.items():
             near = self._whole(found.hypothesis) > strongest - MATTERS
-            if near and len(found.hypothesis.effects) == 1 and self._stands(name) and name not in self._learnt:
+            if near and len(found.hypothesis.effects) == 1 and self._stands(name) and name not in self._weighed:
                 self.after[name] = weighed_with(found, s, kept, before, self.run)
-                self._learnt.add(name)
+                self._weighed.add(name)
 
     def foretold(self) -> dict[str, tuple[Fitted, float]]:
         """name -> what windows and whole recordings together ask for, and its log Bayes factor by replays, as far as derivatives about the base tell."""

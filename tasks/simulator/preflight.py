@@ -31,13 +31,7 @@ NEAREST = 0.01  # share of the barrier distance that a start may keep: cloth pre
 ATTEMPTS = 12
 FAR = 1e3  # [m] from which no collider touches cloth
 # of terms: weight, wind or friction would move cloth by themselves
-HOLDING = (
-    Inertia,
-    MembraneStVK,
-    MembraneNeoHookean,
-    HingeBending,
-    ContactBarrier,
-)
+HOLDING = (Inertia, MembraneStVK, MembraneNeoHookean, HingeBending, ContactBarrier)
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ class Frame:
 
     `ending` is "converged" or a reason; after a frame that did not converge no other follows, and x is the last state that was reached.
     `collider` [C, 3] is where the collider stood, `yielded` how far it gave way there where it pinched cloth (and not in substeps before);
-    `moved` [m]: in frame 0, the
-    largest move that freed the start from the collider. `seconds`: processor time.
+    `moved` [m]: in frame 0, the largest move that freed the start from the collider. `seconds`: processor time.
     """
 
     index: int

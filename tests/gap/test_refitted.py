@@ -33,7 +33,10 @@ def simulated(monkeypatch):
             there = float(model.strength(FRICTION)[0])
             asked.append(there)
             each = enumerate(taught.given)
-            return [SimpleNamespace(normals=about(n, there), prediction=SimpleNamespace(complete=k >= lost(there))) for k, n in each]
+            return [
+                SimpleNamespace(normals=about(n, {"contact_friction": there}), prediction=SimpleNamespace(complete=k >= lost(there)))
+                for k, n in each
+            ]
 
         monkeypatch.setattr(refits, "_simulated", follow)
         base = Model(SimpleNamespace(fabric=Fabric()), None)
@@ -45,9 +48,9 @@ def simulated(monkeypatch):
     return run
 
 
-def about(n, θ):
-    """Normal equations [P] about friction θ instead of zero."""
-    step = np.array([θ * (name == "contact_friction") for name in n.names])
+def about(n, origin):
+    """Normal equations [P] about strengths instead of zero."""
+    step = np.array([origin.get(name, 0.0) for name in n.names])
     return replace(n, g=n.g - n.G @ step, c=float(n.c - 2 * n.g @ step + step @ n.G @ step))
 
 
@@ -100,7 +103,7 @@ def test_a_second_cause_is_weighed_by_what_it_adds_to_the_first_as_that_was_simu
         θ = model.by_column([DRAG, FRICTION])
         alone = not θ["contact_friction"]
         each = enumerate(taught.given)
-        return [SimpleNamespace(normals=_about(n, θ), prediction=SimpleNamespace(complete=not (alone and k in lost))) for k, n in each]
+        return [SimpleNamespace(normals=about(n, θ), prediction=SimpleNamespace(complete=not (alone and k in lost))) for k, n in each]
 
     monkeypatch.setattr(refits, "_simulated", follow)
     first = refitted(screened, None, taught.fit([DRAG]), EFFECTS)
@@ -114,7 +117,7 @@ def test_a_second_cause_is_weighed_by_what_it_adds_to_the_first_as_that_was_simu
 def test_a_first_cause_that_explains_more_alone_than_was_foretold_leaves_the_second_less():
     taught = windows(np.random.default_rng(0), truth={"contact_friction": TRUE, "air_normal_drag": 6.0}, count=COUNT)
     θ = {"air_normal_drag": 6.0, "contact_friction": TRUE}
-    both, alone = ([_about(n, origin) for n in taught.given] for origin in (θ, {"air_normal_drag": 6.0}))
+    both, alone = ([about(n, origin) for n in taught.given] for origin in (θ, {"air_normal_drag": 6.0}))
 
     def second(nearer):
         first = Windows([replace(n, c=n.c - nearer) for n in alone], EFFECTS, {"air_normal_drag": 6.0})
@@ -123,9 +126,3 @@ def test_a_first_cause_that_explains_more_alone_than_was_foretold_leaves_the_sec
     scale = taught.about(both, [DRAG, FRICTION], θ).scale
     assert second(0.0).decrease - second(3.0).decrease == pytest.approx(3.0 * np.sum(1 / scale))
     assert second(3.0).evidence < second(0.0).evidence
-
-
-def _about(n, origin):
-    """Normal equations [P] about strengths instead of zero."""
-    step = np.array([origin.get(name, 0.0) for name in n.names])
-    return replace(n, g=n.g - n.G @ step, c=float(n.c - 2 * n.g @ step + step @ n.G @ step))

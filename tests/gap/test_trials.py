@@ -31,7 +31,7 @@ class Rehearsed(Trials):
         self.alike, self.cosines, self.vetoed = frozenset(), None, frozenset()
         self.after, self.replays, self.replayed = {}, (), SimpleNamespace(something_missing=0.0)
         self.promised, self.proposed, self.probed, self.scaled, self._asked_afresh = {}, [], [], [], set()
-        self.asked, self.finds, self.windows, self.seconds = [], finds, (), ()
+        self.asked, self.finds, self.windows, self.seconds, self.learnt = [], finds, (), (), ()
         self.gains, self.beside = np.ones(20), []
         self.left, self.left_with_second = doubt, doubt
         monkeypatch.setattr(trials, "by_contact", lambda *_: [])

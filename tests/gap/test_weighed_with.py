@@ -66,10 +66,12 @@ def test_causes_that_are_alike_are_weighed_by_the_same_windows(monkeypatch, seed
     monkeypatch.setattr(refits, "_simulated", lambda *_: before)
     t = Trials.__new__(Trials)
     t.screened = Screened(None, (), None, taught, tuple(ranked(taught)))
-    t.run, t.alike, t.vetoed, t.replayed, t._learnt = map, frozenset(), frozenset(), SimpleNamespace(something_missing=0.0), set()
+    t.run, t.alike, t.vetoed, t.replayed, t._weighed = map, frozenset(), frozenset(), SimpleNamespace(something_missing=0.0), set()
+    t.learnt, screened = (), t.screened
     named = next(h for h in t.screened.hypotheses if h.name == "air_normal_drag")
     t.after = {named.name: Refitted(named, None, (), taught, against=taught)}
     for _ in range(2):  # once is enough
         t.learn(None, before)
         for h in t.singles:
             assert h.evidence == pytest.approx(both.fit(h.effects).evidence, rel=0.02, abs=0.05)
+    assert t.screened is screened  # what is reported of training windows, and what the next recording adds to, is theirs
