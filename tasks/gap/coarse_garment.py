@@ -22,7 +22,7 @@ from tasks.simulator import Cloth
 
 Indices = NDArray[np.int32]
 
-VERTICES = 300
+VERTICES = 256
 BENDING = "kappa_b_over_rho"
 LINES = ("hem", "seam")  # zones that are lines; contact and free are areas, whose border may move by a vertex
 

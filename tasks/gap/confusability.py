@@ -18,7 +18,8 @@ from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.base_refit import summed
 from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.effect import Effect
-from tasks.gap.hypotheses import BASE_SPREAD, Windows
+from tasks.gap.hypotheses import Windows
+from tasks.gap.strength_priors import BASE_SPREAD
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,8 @@ from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.numerics import finer
 from tasks.cloth.shooting import Evidence
 from tasks.cloth.windows import Normals
-from tasks.gap.hypotheses import BASE_SPREAD, Fitted, Windows
+from tasks.gap.hypotheses import Fitted, Windows
+from tasks.gap.strength_priors import BASE_SPREAD
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,7 @@
 
 Where the leader's fabric leads to a nearer base, all from the base refit on is done once more about that (`nested_base.py`).
 
-Windows are as long as the cloth can be predicted: where they leave more than `PREDICTED` times the noise with every effect of the library
-allowed, derivatives did not hold, and all is done again in shorter ones.
+Windows are as long as the cloth can be predicted (`window_length.py`).
 
 What is fitted and weighed before the verdict are training windows alone. Start states are smoothed over all frames, and the first rounds of
 the base refit, in windows of other lengths, may have seen frames that are kept out later; a recording that is held out apart is not asked
@@ -25,20 +24,21 @@ from tasks.cloth.base_parameters import moved
 from tasks.cloth.shooting import Evidence, Map
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
-from tasks.cloth.windows import PREDICTED, Recording, Window
+from tasks.cloth.windows import Recording, Window
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.acceleration import effect_acceleration, residual_acceleration
 from tasks.gap.confirmation import Confirmed, confirmed, decided
-from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, enough, gather, lengths, restarted, restated, split, unwrinkled
+from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, gather, lengths, restarted, restated, unwrinkled
 from tasks.gap.held_out import Shrinkage, floor_mm
 from tasks.gap.hypotheses import Fitted
 from tasks.gap.next_recording import Design, designs, in_question
 from tasks.gap.refits import Refitted, comes_nearer, corrected_model
 from tasks.gap.replay import Replayed
-from tasks.gap.screening import MODES, Screened, roughly_refitted, screen
+from tasks.gap.screening import MODES, Screened, roughly_refitted
 from tasks.gap.trials import Trials
 from tasks.gap.verdict import Candidate, Verdict
+from tasks.gap.window_length import Look, Looked
 
 Array = NDArray[np.float64]
 
@@ -101,66 +101,43 @@ def diagnose(
     tell("states")
     data = gather(model, recordings, run)
     first, fps, apart = model, model.subject.fps, held_out is not None
-    train, _ = _taught(data, apart)
+    φ = smooth_modes(model.subject.cloth, MODES)
+    look = Look(effects, contact_doubt, φ, apart, run, tell)
+    train, _ = look.taught(data)
     doubt = _untestable(data, train)
     if doubt:
         return _unanswered(model, recordings, doubt)
     longest_first = lengths(recordings, fps)
-    each = [_taught(data.cut(length_s, fps), apart)[0] for length_s in reversed(longest_first)]
+    first_rounds = longest_first[-1:] if quick else longest_first[::-1]
+    each = [look.taught(data.cut(length_s, fps))[0] for length_s in first_rounds]
     model, correlation = roughly_refitted(model, each, run, tell, searched=not quick)
-    data, φ = restated(model, data.correlated(correlation), run), smooth_modes(model.subject.cloth, MODES)
+    data = restated(model, data.correlated(correlation), run)
+    looked = look.longest_predicted(model, data, longest_first, quick=quick)
 
-    def looked_at(model: Model, data: Gathered) -> tuple[Screened, Gathered, Gathered | None]:
-        train, held = _taught(unwrinkled(model, data, φ, run), apart)
-        return screen(model, train, effects, contact_doubt=contact_doubt, run=run, tell=tell), train, held
-
-    def settled(screened: Screened, train: Gathered) -> Trials:
-        trials = Trials(screened, first, train, effects, run, tell, quick=quick, abreast=abreast)
+    def settled(looked: Looked) -> Trials:
+        trials = Trials(looked.screened, first, looked.train, effects, run, tell, quick=quick, abreast=abreast)
         trials.settle()
         return trials
 
-    for length_s in longest_first:
-        data = data.cut(length_s, fps)
-        tell(f"{len(data.windows)} windows of {length_s:.2g} s")
-        screened, train, held = looked_at(model, data)
-        if _predicted(screened, train, tell):
-            break
-    if len(screened.evidence) < FEWEST_WINDOWS:
-        return _unanswered(
-            screened.base.model, recordings, f"the simulation can follow only {len(screened.evidence)} windows of the recording"
-        )
-    trials = settled(screened, train)
+    if (followed := len(looked.screened.evidence)) < FEWEST_WINDOWS:
+        return _unanswered(looked.screened.base.model, recordings, f"the simulation can follow only {followed} windows of the recording")
+    trials = settled(looked)
     if (other := trials.nested_base()) is not None:
-        again = looked_at(other, restated(other, data, run))
-        if len(again[0].evidence) >= FEWEST_WINDOWS:
-            screened, train, held = again
-            trials = settled(screened, train)
+        again = look.at(other, restated(other, looked.data, run), looked.length_s)
+        if len(again.screened.evidence) >= FEWEST_WINDOWS:
+            looked, trials = again, settled(again)
     verdict = decided(trials)
     tell("held-out windows")
-    kept = held
+    kept = looked.held
     if held_out is not None:
         further = held_out()
-        kept = _kept_apart(screened.base.model, further, correlation, length_s, φ, run) if further else None
-    return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), train)
+        kept = _kept_apart(looked.screened.base.model, further, correlation, looked.length_s, φ, run) if further else None
+    return _concluded(trials, confirmed(trials, verdict, kept, apart=apart), looked.train)
 
 
 def _kept_apart(model: Model, recordings: Sequence[Recording], correlation: Correlation, length_s: float, φ: Array, run: Map) -> Gathered:
     """Windows of recordings held out."""
     return unwrinkled(model, gather(model, recordings, run).correlated(correlation).cut(length_s, model.subject.fps), φ, run)
-
-
-def _taught(data: Gathered, apart: bool) -> tuple[Gathered, Gathered | None]:
-    """Training windows, and those kept out, where no recording is held out `apart`."""
-    return (data, None) if apart else split(data)
-
-
-def _predicted(screened: Screened, train: Gathered, tell: Callable[[str], None]) -> bool:
-    """Whether nearly all windows could be followed, and derivatives held in them."""
-    if not enough(len(screened.evidence), len(train.windows)):
-        return False
-    misfit = float(np.median(screened.windows.overdispersion))
-    tell(f"misfit {misfit:.3g} with every effect allowed")
-    return misfit <= PREDICTED
 
 
 def _untestable(data: Gathered, train: Gathered) -> str:

@@ -25,7 +25,8 @@ from tasks.cloth.windows import Normals, columns_of, marginalised
 from tasks.effects.effect import Effect, MeshDoubt
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered
-from tasks.gap.hypotheses import FORCING, precision
+from tasks.gap.hypotheses import FORCING
+from tasks.gap.strength_priors import precision
 
 Array = NDArray[np.float64]
 

@@ -35,41 +35,27 @@ Source: sandwich covariance (Huber 1967; Liang & Zeger 1986: windows are the clu
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import gamma, log, pi
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.optimize import lsq_linear
 from scipy.special import stdtrit
 
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.nuisances import without_forcing
 from tasks.cloth.windows import Normals
 from tasks.effects.effect import Effect
+from tasks.gap.forced_windows import Forced, in_effect
+from tasks.gap.strength_priors import log_averaged, precision
 
 Array = NDArray[np.float64]
 
 KNOWN = 4  # windows that the median dispersion of all effects is worth
-FACTOR = 3.0  # of strengths about the typical one: one standard deviation of their logarithm
 NOISE_DOUBT = 0.1  # share of the stated noise variance that may be wrong: misfits below that are all alike
 NOWHERE: Mapping[str, float] = MappingProxyType({})
-BASE_SPREAD = 0.5  # prior standard deviation of a base parameter's logarithm about the refit
 FORCING = (0.0, *(float(a) for a in np.geomspace(0.03, 10.0, 11)))  # candidates for σ_a [m/s²]
 FORM = 0.1  # relative standard deviation of a strength between implementations of its law: drag of faces or of vertices, angle or tangent of a hinge
 LEFT = 50  # independent numbers that what a window leaves beyond noise is worth
-RIDGE = 3.0  # prior standard deviation of a strength, in typical strengths
-
-
-@dataclass(frozen=True)
-class Scores:
-    """An effect with the base taken out: strengths θ [K] within their ranges, those asked for whatever the range [K], own φ, I⁻¹ [K, K]."""
-
-    θ: Array
-    asked: Array
-    dispersion: float
-    inverse_information: Array
 
 
 @dataclass(frozen=True)
@@ -130,100 +116,6 @@ class Fitted:
     def θ(self, effect: Effect) -> Array:
         """Strengths [K] of one effect."""
         return np.array([self.strengths[c] for c in effect.columns])
-
-
-def log_averaged(θ: Array, covariance: Array, effect: Effect, ν: float, *, asked: Array | None = None, shows: float = 0.0) -> float:
-    """log ∫ p(θ') Student_ν(θ' − θ*)/Student_ν(θ − θ*) dθ' for typical strengths of one: what the maximum θ within the range is worth when the
-    strength is not known. asked: θ*, which windows ask for whatever the range, where that is less (default: θ).
-
-    Along the ray of θ numerically, and of a single component of either sign along the other one too, on points of the prior and of the
-    peak, which may be far narrower; across it by Laplace's approximation.
-    p: size u log-normal about the typical one, any direction alike. shows: size below which a cause does not show; nothing is claimed of
-    such ones.
-    """
-    z, Σ = θ / effect.typical, covariance / np.outer(effect.typical, effect.typical)
-    K, r = len(z), float(np.linalg.norm(z))
-    along = z / r if r > 1e-9 else np.full(K, K**-0.5)  # at the end of its range: any direction
-    σ = np.sqrt(max(float(along @ Σ @ along), 1e-24))
-    short = 0.0 if asked is None else min(float(along @ ((asked - θ) / effect.typical)) / σ, 0.0)  # along the ray, in deviations
-    peak = (r + σ * np.linspace(-12, 12, 241)) / np.sqrt(K)
-    u = np.unique(np.concatenate([np.exp(np.linspace(-8, 4, 600) * log(FACTOR)), peak[peak > 0]]))
-    density = np.exp(-0.5 * (np.log(u) / log(FACTOR)) ** 2) / (np.sqrt(2 * pi) * log(FACTOR) * u) * (u >= shows)
-    either_way = K == 1 and effect.strengths[0].low < 0
-    rays = (1, -1) if either_way else (1,)
-    falls = [((1 + ((sign * u * np.sqrt(K) - r) / σ - short) ** 2 / ν) / (1 + short**2 / ν)) ** (-ν / 2) for sign in rays]
-    size = sum(float(np.trapezoid(density * each, u)) for each in falls)
-    across = np.sqrt(max(np.linalg.det(Σ), 0.0)) / σ * (np.sqrt(2 * pi) / max(r, 1e-9)) ** (K - 1) if K > 1 else 1.0
-    sphere = 2 * pi ** (K / 2) / gamma(K / 2) if K > 1 else 1.0 + either_way
-    return log(max(size, 1e-300)) + log(min(max(across, 1e-300) / sphere, 1.0))
-
-
-class Forced:
-    """The windows' normal equations [W] with a forcing of one size marginalised, each over its scale s_w.
-
-    A hypothesis without an effect of `origin` has none of it, and not as much as was simulated.
-    """
-
-    def __init__(self, normals: Sequence[Normals], scale: Array, origin: Mapping[str, float]) -> None:
-        self.normals, self.scale, self.origin = list(normals), scale, origin
-
-    def solve(self, effects: Sequence[Effect], left_out: int | None = None) -> tuple[Array, list[str]]:
-        """θ [P] of base parameters and strengths within their ranges, and the columns' names; `left_out`: a window that has no say."""
-        columns = [(c, s) for e in effects for c, s in zip(e.columns, e.strengths, strict=True)]
-        names = [*PARAMETERS, *(c for c, _ in columns)]
-        low = np.array([-np.inf] * len(PARAMETERS) + [s.low for _, s in columns])
-        high = np.array([np.inf] * len(PARAMETERS) + [s.high for _, s in columns])
-        origin, tight = self.origin_of(names), precision(effects)
-        A, b = np.diag(tight), -tight * origin
-        for k, (G, g) in enumerate(self.scaled(names)):
-            if k != left_out:
-                A, b = A + G, b + g
-        return origin + bounded(A, b, low - origin, high - origin), names
-
-    def scaled(self, names: Sequence[str]) -> list[tuple[Array, Array]]:
-        """G/s_w [P, P] and g/s_w [P] of some columns of every window."""
-        index = [n.index(names) for n in self.normals]
-        return [(n.G[np.ix_(i, i)] / s, n.g[i] / s) for n, i, s in zip(self._without_others(names), index, self.scale, strict=True)]
-
-    def misfits(self, θ: Array, names: Sequence[str]) -> Array:
-        """J_w [W] at θ [P]."""
-        step, found = θ - self.origin_of(names), []
-        for n in self._without_others(names):
-            i = n.index(names)
-            found.append(n.c - 2 * n.g[i] @ step + step @ n.G[np.ix_(i, i)] @ step)
-        return np.array(found)
-
-    def losses(self, θ: Array, names: Sequence[str]) -> Array:
-        """J_w/s_w + log|C_w| [W] at θ [P]."""
-        return self.misfits(θ, names) / self.scale + np.array([n.logdet for n in self.normals])
-
-    def loss(self, effects: Sequence[Effect]) -> float:
-        """F at its least."""
-        θ, names = self.solve(effects)
-        return float(np.sum(self.losses(θ, names)) + precision(effects) @ θ**2)
-
-    def _without_others(self, names: Sequence[str]) -> list[Normals]:
-        """About `origin` without the effects that are not among `names`."""
-        back = {c: -θ for c, θ in self.origin.items() if c not in names}
-        return [n.stepped(np.array([back.get(name, 0.0) for name in n.names])) for n in self.normals] if back else self.normals
-
-    def origin_of(self, names: Sequence[str]) -> Array:
-        """What the columns are linear about [P]."""
-        return np.array([self.origin.get(name, 0.0) for name in names])
-
-    def scores(self, effect: Effect, beside: Sequence[Effect]) -> Scores:
-        """An effect beside others, the base and they taken out."""
-        θ, names = self.solve((*beside, effect))
-        K = len(effect.strengths)
-        p, each = len(names) - K, self.scaled(names)
-        step, A = θ - self.origin_of(names), sum(G for G, _ in each)
-        a = A[p:, :p] @ np.linalg.pinv(A[:p, :p], hermitian=True)
-        c = np.array([g - G @ step for G, g in each]) @ np.hstack([-a, np.eye(K)]).T
-        unseen = np.diag(1 / (RIDGE * effect.typical) ** 2)  # a component that moves nothing is as uncertain as it was
-        inverse = np.linalg.inv(A[p:, p:] - a @ A[:p, p:] + unseen)
-        spread, W = c - c.mean(0), in_effect(self.scale)
-        φ = float(np.einsum("wi,ij,wj->", spread, inverse, spread)) / K * W / max(W - 1, 1)
-        return Scores(θ[p:], θ[p:] + inverse @ c.sum(0), φ, inverse)
 
 
 class Windows:
@@ -384,23 +276,3 @@ class Windows:
             φ = [forced.scores(e, beside).dispersion for e in self.effects if e.name not in own]
             self._medians[beside] = float(np.median([x for x in φ if x > 0] or [1.0]))
         return self._medians[beside]
-
-
-def in_effect(scale: Array) -> float:
-    """How many windows there are where each says so much less [W]."""
-    return float(np.sum(1 / scale) ** 2 / np.sum(1 / scale**2))
-
-
-def precision(effects: Sequence[Effect]) -> Array:
-    """Of the priors of base parameters and strengths [P]."""
-    return np.array([BASE_SPREAD**-2] * len(PARAMETERS) + [(RIDGE * s.typical) ** -2 for e in effects for s in e.strengths])
-
-
-def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
-    """argmin ½ θᵀAθ − bᵀθ with low ≤ θ ≤ high, A positive definite (Stark & Parker 1995, on the factor A = LLᵀ of unit diagonal)."""
-    θ = np.linalg.solve(A, b)
-    if np.all((low <= θ) & (θ <= high)):
-        return θ
-    scale = 1 / np.sqrt(np.diag(A))
-    L = np.linalg.cholesky(A * np.outer(scale, scale))
-    return scale * lsq_linear(L.T, solve_triangular(L, scale * b, lower=True), (low / scale, high / scale), method="bvls").x

@@ -26,7 +26,8 @@ from scipy.linalg import block_diag
 
 from tasks.cloth.base_parameters import PARAMETERS
 from tasks.cloth.windows import Normals
-from tasks.gap.hypotheses import FORM, NOWHERE, Fitted, bounded
+from tasks.gap.forced_windows import bounded
+from tasks.gap.hypotheses import FORM, NOWHERE, Fitted
 from tasks.gap.replay import Replayed, supported
 
 Array = NDArray[np.float64]

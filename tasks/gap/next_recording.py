@@ -33,9 +33,10 @@ from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.confusability import SHOWN, over_scales
 from tasks.gap.gathered import Gathered, jobs
-from tasks.gap.hypotheses import Fitted, precision
+from tasks.gap.hypotheses import Fitted
 from tasks.gap.next_motions import NextMotion, next_motions
 from tasks.gap.screening import MODES, Screened, compressed
+from tasks.gap.strength_priors import precision
 from tasks.gap.verdict import Verdict
 from tasks.simulator.newton import CONVERGED
 

@@ -32,7 +32,7 @@ from tasks.cloth.windows import Prediction, marginalised, normals, predict
 from tasks.effects.effect import Effect
 from tasks.effects.model import Model
 from tasks.gap.gathered import Gathered, jobs
-from tasks.gap.hypotheses import BASE_SPREAD
+from tasks.gap.strength_priors import BASE_SPREAD
 from tasks.gap.verdict import Twins, told_apart
 
 Array = NDArray[np.float64]

@@ -46,7 +46,7 @@ class GapParameters(Parameters):
     limit_s: Positive = 600.0
 
 
-@stage("gap", version=15, pool="simulation", timeout_s=4 * 3600, spreads=True)
+@stage("gap", version=16, pool="simulation", timeout_s=4 * 3600, spreads=True)
 def gap(job: Job, capture: Capture, tracking: Tracking, body: Registration, cloth: Cloth, parameters: GapParameters) -> Gap:
     """Compare what was tracked with the replay of the fitted fabric, and look for the cause of the difference."""
     own, frames = cloth.vertices_index, slice(0, len(cloth.simulated))

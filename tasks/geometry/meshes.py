@@ -183,6 +183,7 @@ def _unit(a: Array) -> Array:
 
 
 def _scatter(values: Array, faces: Faces, vertex_count: int) -> Array:
-    total = np.zeros((vertex_count, *values.shape[1:]))
-    np.add.at(total, faces.ravel(), values)
-    return total
+    at = faces.ravel()
+    if values.ndim == 1:
+        return np.bincount(at, values, vertex_count)
+    return np.stack([np.bincount(at, each, vertex_count) for each in values.T], -1)

@@ -5,7 +5,8 @@ import pytest
 from scipy.linalg import subspace_angles
 
 from tasks.gap.confusability import confusability
-from tasks.gap.hypotheses import BASE_SPREAD, Windows
+from tasks.gap.hypotheses import Windows
+from tasks.gap.strength_priors import BASE_SPREAD
 from tasks.gap.verdict import twins
 from tests.gap.synthetic import EFFECTS, NAMES, dense, normals
 

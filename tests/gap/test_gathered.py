@@ -1,16 +1,13 @@
 """Windows: as long as recordings and cloth allow, and which of them teach."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tasks.cloth.start_state import States
-from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import LONG_S, SHORT_S, Recording
 from tasks.effects.effect import Motion
-from tasks.gap import diagnosis
 from tasks.gap.gathered import ENOUGH, FEWEST_WINDOWS, Gathered, lengths, split
 from tasks.simulator.cloth import NO_COLLIDER
 
@@ -65,40 +62,3 @@ def test_no_frame_that_is_kept_out_is_compared(frames) -> None:
         kept = [t for w in held.windows if w.recording == k for t in range(w.start + 1, w.start + w.length + 1)]
         taught = [t for w in train.windows if w.recording == k for t in range(w.start + 1, w.start + w.length + 1)]
         assert not seen[kept].any() and seen[taught].all() and seen[0]
-
-
-class Stop(Exception):
-    """The diagnosis got as far as it is looked at here."""
-
-
-@pytest.mark.parametrize(("misfits", "last"), [((1.5, 1.0), 10), ((9.0, 8.0), 5)])
-def test_where_derivatives_do_not_hold_windows_are_shortened(monkeypatch, misfits, last) -> None:
-    seen, calm = [], []
-
-    def screened(model, train, effects, **options):
-        seen.append(max(w.length for w in train.windows))
-        left = np.full(len(train.windows), misfits[len(seen) - 1])
-        return SimpleNamespace(evidence=[None] * len(left), windows=SimpleNamespace(overdispersion=left))
-
-    def stop(*args, **options):
-        raise Stop
-
-    model = SimpleNamespace(subject=SimpleNamespace(fps=FPS, cloth=None))
-    monkeypatch.setattr(diagnosis, "gather", lambda model, recordings, run: data(41, 41))
-    monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, *_, **__: (model, Correlation(0.0, 0.1)))
-    monkeypatch.setattr(diagnosis, "restated", lambda model, data, run: data)
-    monkeypatch.setattr(diagnosis, "smooth_modes", lambda cloth, count: None)
-    monkeypatch.setattr(diagnosis, "unwrinkled", lambda model, data, φ, run: calm.append(max(w.length for w in data.windows)) or data)
-    monkeypatch.setattr(diagnosis, "screen", screened)
-    monkeypatch.setattr(diagnosis, "Trials", stop)
-    with pytest.raises(Stop):
-        diagnosis.diagnose(model, data(41, 41).recordings, [])
-    assert seen == calm == ([10] if last == 10 else [10, 5])
-
-
-def test_windows_that_cannot_be_followed_are_shortened_too() -> None:
-    train = data(41, 41, length_s=LONG_S)
-    lost = SimpleNamespace(evidence=[None] * 5, windows=SimpleNamespace(overdispersion=np.ones(5)))
-    assert len(train.windows) == 8
-    assert not diagnosis._predicted(lost, train, lambda text: None)
-    assert diagnosis._predicted(SimpleNamespace(evidence=[None] * 6, windows=lost.windows), train, lambda text: None)

@@ -13,7 +13,8 @@ from tasks.cloth.windows import Normals, marginalised
 from tasks.effects.library import library
 from tasks.gap.confusability import confusability
 from tasks.gap.diagnosis import ratios
-from tasks.gap.hypotheses import FORM, LEFT, RIDGE, Windows, bounded, log_averaged
+from tasks.gap.hypotheses import FORM, LEFT, Windows
+from tasks.gap.strength_priors import RIDGE
 from tasks.gap.verdict import PAIR, TEMPER, abstained, first_alone, judge, nothing_needed
 from tasks.simulator.fabric import Fabric
 
@@ -120,30 +121,6 @@ def test_dispersion_is_one_for_independent_coordinates():
     assert 0.7 < np.mean(φ) < 1.4
 
 
-def test_averaging_over_strengths_is_the_integral():
-    """Against quadrature over all strengths, one sign and both."""
-    drag, tilt = LIBRARY["air_normal_drag"], LIBRARY["gravity_tilt"]
-    t, ν = drag.typical[0], 15
-    θ, σ = 0.6 * t, 0.2 * t
-    u = np.exp(np.linspace(np.log(1e-3), np.log(1e3), 200_001))
-    p = np.exp(-0.5 * (np.log(u) / np.log(3)) ** 2) / (u * np.log(3) * np.sqrt(2 * np.pi))
-    student = (1 + ((u * t - θ) / σ) ** 2 / ν) ** (-ν / 2)
-    assert log_averaged(np.array([θ]), np.array([[σ**2]]), drag, ν) == pytest.approx(np.log(np.trapezoid(p * student, u)), abs=0.02)
-    for k in (1.0, 3.0):  # windows ask for less than nothing
-        less = (1 + ((u * t + k * σ) / σ) ** 2 / ν) ** (-ν / 2) / (1 + k**2 / ν) ** (-ν / 2)
-        found = log_averaged(np.zeros(1), np.array([[σ**2]]), drag, ν, asked=np.array([-k * σ]))
-        assert found == pytest.approx(np.log(np.trapezoid(p * less, u)), abs=0.02)
-    one = log_averaged(tilt.typical * (0.6, 0), np.diag((0.1 * tilt.typical) ** 2), tilt, ν)
-    wide = log_averaged(tilt.typical * (0.6, 0), np.diag((0.2 * tilt.typical) ** 2), tilt, ν)
-    assert wide - one == pytest.approx(2 * np.log(2), abs=0.3)  # two directions, each twice as uncertain
-
-
-def test_a_strength_of_either_sign_of_which_nothing_is_known_is_neither_favoured_nor_disfavoured():
-    friction = LIBRARY["contact_friction"]
-    assert friction.strengths[0].low < 0
-    assert log_averaged(np.zeros(1), np.diag(1e8 * friction.typical**2), friction, 10) == pytest.approx(0.0, abs=0.01)
-
-
 def test_what_no_window_touches_is_as_uncertain_as_it_was():
     """Friction where nothing is touched: its strength was told as zero, to the last digit."""
     rng, k = np.random.default_rng(7), NAMES.index("contact_friction")
@@ -154,28 +131,6 @@ def test_what_no_window_touches_is_as_uncertain_as_it_was():
     spread = RIDGE * LIBRARY["contact_friction"].typical[0]
     assert fitted.θ(LIBRARY["contact_friction"]) == pytest.approx(0.0, abs=1e-9)
     assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(spread, rel=1e-6)
-
-
-def test_bounded_is_the_least_of_all_points_in_the_box():
-    """Two that are alike: the one that leaves the box first may have to come back once the other is held."""
-    A, free = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([2.0, -0.5])
-    np.testing.assert_allclose(bounded(A, A @ free, np.zeros(2), np.ones(2)), [1.0, 0.4], atol=1e-9)
-    rng = np.random.default_rng(3)
-    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 41)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    for _ in range(20):
-        B = rng.standard_normal((4, 3))
-        A, b = B.T @ B + 0.05 * np.eye(3), 2 * rng.standard_normal(3)
-        θ = bounded(A, b, np.zeros(3), np.ones(3))
-        least, others = (0.5 * np.einsum("...i,ij,...j->...", x, A, x) - x @ b for x in (θ, grid))
-        assert (θ >= 0).all() and (θ <= 1).all() and least <= others.min() + 1e-12
-
-
-def test_a_strength_that_the_mesh_feigns_as_well_claims_half_of_what_it_might():
-    """Where nothing is known of a strength, half of its prior lies above the typical one."""
-    drag = LIBRARY["air_normal_drag"]
-    anything, shown = (log_averaged(np.zeros(1), np.diag(1e8 * drag.typical**2), drag, 10, shows=shows) for shows in (0.0, 1.0))
-    assert anything == pytest.approx(0.0, abs=0.01)
-    assert shown - anything == pytest.approx(np.log(0.5), abs=0.02)
 
 
 def test_what_the_mesh_may_feign_weighs_little():

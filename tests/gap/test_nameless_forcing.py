@@ -7,7 +7,8 @@ import pytest
 
 from tasks.cloth.windows import Normals
 from tasks.gap.acceleration import nameless_acceleration
-from tasks.gap.hypotheses import BASE_SPREAD, FORCING, RIDGE, Windows
+from tasks.gap.hypotheses import FORCING, Windows
+from tasks.gap.strength_priors import BASE_SPREAD, RIDGE
 from tests.gap.synthetic import EFFECTS, NAMES, dense
 
 DRAG, DAMPING = EFFECTS[:2]

@@ -13,7 +13,7 @@ from tasks.cloth.start_state import states
 from tasks.cloth.state_modes import smooth_modes
 from tasks.cloth.tracking_noise import Correlation
 from tasks.cloth.windows import windows
-from tasks.gap import diagnosis
+from tasks.gap import diagnosis, window_length
 from tasks.gap.gathered import FEWEST_WINDOWS, Gathered, jobs
 from tasks.gap.nested_base import nested_base
 from tasks.gap.screening import MODES
@@ -107,8 +107,8 @@ def test_all_is_weighed_anew_about_the_nearer_base(monkeypatch, followed, about)
     monkeypatch.setattr(diagnosis, "roughly_refitted", lambda model, *_, **__: (model, Correlation(0.0, 0.1)))
     monkeypatch.setattr(diagnosis, "smooth_modes", lambda cloth, count: None)
     monkeypatch.setattr(diagnosis, "restated", written_down("restated"))
-    monkeypatch.setattr(diagnosis, "unwrinkled", written_down("unwrinkled"))
-    monkeypatch.setattr(diagnosis, "screen", screened)
+    monkeypatch.setattr(window_length, "unwrinkled", written_down("unwrinkled"))
+    monkeypatch.setattr(window_length, "screen", screened)
     monkeypatch.setattr(diagnosis, "Trials", Settling)
     monkeypatch.setattr(diagnosis, "decided", decided)
     with pytest.raises(Decided, match=about):

@@ -17,10 +17,11 @@ from tasks.effects.air_normal_drag import EFFECT as NORMAL
 from tasks.effects.body_lag import EFFECT as LAG
 from tasks.effects.observation_delay import EFFECT as DELAY
 from tasks.gap.gathered import gather
-from tasks.gap.hypotheses import Fitted, Weight, precision
+from tasks.gap.hypotheses import Fitted, Weight
 from tasks.gap.next_motions import NextMotion, next_motions
 from tasks.gap.next_recording import AGAIN, MORE, NOW, STILL, Design, designs, in_question, record_next, separation
 from tasks.gap.screening import screen
+from tasks.gap.strength_priors import precision
 from tasks.gap.verdict import Candidate, Verdict
 from tests.cloth.test_windows import FPS, swung
 

@@ -15,8 +15,8 @@ from tasks.cloth.windows import marginalised, normals, predict, windows
 from tasks.effects.library import library
 from tasks.gap import probes
 from tasks.gap.gathered import Gathered, jobs
-from tasks.gap.hypotheses import BASE_SPREAD
 from tasks.gap.probes import FEW, PROBED, STARTING, Probe, at_rest, probed
+from tasks.gap.strength_priors import BASE_SPREAD
 from tests.cloth.test_windows import FPS, swung
 
 NOISE = 1e-3
