@@ -1,7 +1,7 @@
 """Training windows screened, as long as the cloth can be predicted.
 
 Where windows leave more than `PREDICTED` times the noise with every effect of the library allowed, derivatives did not hold, and all is
-done again in shorter ones. A quick diagnosis puts that to a few long windows first: most of what it thins out cannot be followed so far.
+done again in shorter ones. A quick diagnosis puts that to a few long windows first, for cloth that was thinned out may not be followed so far.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Windows: as long as recordings and cloth allow, and which of them teach."""
+"""Windows: as long as recordings allow, and which of them teach."""
 
 from dataclasses import replace
 
